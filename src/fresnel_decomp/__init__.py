@@ -1,0 +1,119 @@
+"""Accurate Fresnel reflectance for real-time rendering: a preintegrable decomposition.
+
+F(theta; eta) = sum_i c_i(eta) b_i(theta) after Belcour, Bati and Barla, "Bringing an Accurate
+Fresnel to Real-Time Rendering: a Preintegrable Decomposition", SIGGRAPH 2020 Talks. Public names
+are loaded on first use; importing the package runs nothing and sets no Mitsuba variant.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from ._version import __version__
+
+if TYPE_CHECKING:
+    from ._check import InputError
+    from .basis import Basis, FitError, extract_basis, load_basis
+    from .closed_form import ClosedForm
+    from .colour import delta_e_2000, linear_to_srgb, rgb_weights
+    from .curves import CurveSet
+    from .extraction import RECIPES
+    from .fresnel import (
+        conductor,
+        dielectric,
+        polarized,
+        reflectance_components,
+        refracted_cosine,
+        transmittance,
+    )
+    from .models import F82, Decomposition, Exact, Gulbrandsen, Lazanyi, Schlick, model_from_ior
+    from .parametrization import (
+        f0_from_ior,
+        f82_from_ior,
+        gulbrandsen_to_ior,
+        ior_to_gulbrandsen,
+    )
+    from .spectra import Material, list_materials, load_material
+
+_HOMES = {
+    "_check": ["InputError"],
+    "basis": ["Basis", "FitError", "extract_basis", "load_basis"],
+    "closed_form": ["ClosedForm"],
+    "colour": ["delta_e_2000", "linear_to_srgb", "rgb_weights"],
+    "curves": ["CurveSet"],
+    "extraction": ["RECIPES"],
+    "fresnel": [
+        "conductor",
+        "dielectric",
+        "polarized",
+        "reflectance_components",
+        "refracted_cosine",
+        "transmittance",
+    ],
+    "models": [
+        "F82",
+        "Decomposition",
+        "Exact",
+        "Gulbrandsen",
+        "Lazanyi",
+        "Schlick",
+        "model_from_ior",
+    ],
+    "parametrization": [
+        "f0_from_ior",
+        "f82_from_ior",
+        "gulbrandsen_to_ior",
+        "ior_to_gulbrandsen",
+    ],
+    "spectra": ["Material", "list_materials", "load_material"],
+}
+_HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
+_SUBMODULES = {"doctor", "images", "mitsuba", *_HOMES} - {"_check"}
+
+__all__ = [
+    "F82",
+    "RECIPES",
+    "Basis",
+    "ClosedForm",
+    "CurveSet",
+    "Decomposition",
+    "Exact",
+    "FitError",
+    "Gulbrandsen",
+    "InputError",
+    "Lazanyi",
+    "Material",
+    "Schlick",
+    "__version__",
+    "conductor",
+    "delta_e_2000",
+    "dielectric",
+    "extract_basis",
+    "f0_from_ior",
+    "f82_from_ior",
+    "gulbrandsen_to_ior",
+    "ior_to_gulbrandsen",
+    "linear_to_srgb",
+    "list_materials",
+    "load_basis",
+    "load_material",
+    "model_from_ior",
+    "polarized",
+    "reflectance_components",
+    "refracted_cosine",
+    "rgb_weights",
+    "transmittance",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME_OF:
+        return getattr(importlib.import_module(f".{_HOME_OF[name]}", __name__), name)
+    if name in _SUBMODULES:
+        return importlib.import_module(f".{name}", __name__)
+    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return sorted({*__all__, *_SUBMODULES})

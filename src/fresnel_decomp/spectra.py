@@ -1,0 +1,343 @@
+"""Measured indices of refraction: found by name, read from files, checked, brought to RGB.
+
+The data sets of the installed Mitsuba package (most of them from E. D. Palik, *Handbook of Optical
+Constants of Solids*) are read where they lie; nothing is copied and Mitsuba is not imported.
+Between samples eta and k are linear; beyond the ends they are constant.
+
+A spectrum is *usable* when it covers 400–700 nm and is not *broken*. Broken means: eta = 0 at some
+samples (a gap in the source), or k = 0 everywhere although eta rises with wavelength, which takes
+absorption (anomalous dispersion; Born and Wolf, *Principles of Optics*, section 2.3.4).
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ._check import input_error
+from ._data_sets import ALIASES, data_set_files, data_sets, find_data_set
+from ._spectrum_files import Table, read_spectrum
+from .colour import WAVELENGTH_NM, Illuminant, rgb_weights
+from .fresnel import conductor
+
+if TYPE_CHECKING:
+    from .basis import Basis
+
+__all__ = ["Material", "MaterialRow", "list_materials", "load_material"]
+
+Array = NDArray[np.float64]
+
+VISIBLE_NM = (400.0, 700.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """A complex index of refraction, sampled over wavelength.
+
+    Parameters
+    ----------
+    name : str
+    wavelength_nm : (n,) float > 0
+        Strictly increasing, in nm.
+    eta, k : (n,) float
+        eta > 0 and k >= 0: the index is eta + i k, relative to vacuum.
+    source : str
+        Where the data come from.
+    aliases : tuple of str
+        Other names that `load_material` knows.
+    flags : tuple of str
+        What is wrong with the data: "partial: ..." or "broken: ..."; empty if usable.
+
+    Raises
+    ------
+    InputError
+        For other shapes and ranges than these.
+
+    Examples
+    --------
+    >>> from fresnel_decomp import load_material
+    >>> eta, k = load_material("gold").at(550.0)
+    >>> print(f"{eta:.3f} + {k:.3f}i")
+    0.350 + 2.714i
+    """
+
+    name: str
+    wavelength_nm: Array
+    eta: Array
+    k: Array
+    source: str
+    aliases: tuple[str, ...] = ()
+    flags: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for column in ("wavelength_nm", "eta", "k"):
+            values = np.array(getattr(self, column), dtype=np.float64)
+            values.flags.writeable = False
+            object.__setattr__(self, column, values)
+        _check_spectrum(self.name, self.wavelength_nm, self.eta, self.k)
+
+    @property
+    def range_nm(self) -> tuple[float, float]:
+        """First and last sampled wavelength."""
+        return float(self.wavelength_nm[0]), float(self.wavelength_nm[-1])
+
+    def at(self, wavelength_nm: ArrayLike) -> tuple[Any, Any]:
+        """(eta, k) at wavelengths (...) in nm: linear, constant beyond the ends."""
+        at = np.asarray(wavelength_nm, dtype=np.float64)
+        return np.interp(at, self.wavelength_nm, self.eta), np.interp(
+            at, self.wavelength_nm, self.k
+        )
+
+    def rgb_reflectance(
+        self, cos_theta: ArrayLike, illuminant: Illuminant = "D65", **convention: str
+    ) -> Array:
+        """Linear RGB of the exact reflectance, integrated over the spectrum.
+
+        Parameters
+        ----------
+        cos_theta : (...) float in [0, 1]
+            Clamped to that range.
+        illuminant : str or (wavelength_nm, power)
+        **convention : str
+            `observer` and `colourspace`; all three as in `rgb_weights`.
+
+        Returns
+        -------
+        (..., 3) float
+            A perfect reflector is (1, 1, 1); a saturated metal may leave [0, 1].
+
+        Raises
+        ------
+        InputError
+            As `fresnel.conductor` and `rgb_weights` do.
+
+        Examples
+        --------
+        >>> from fresnel_decomp import load_material
+        >>> load_material("Au").rgb_reflectance(1.0).round(3)
+        array([1.022, 0.782, 0.343])
+        """
+        weights = rgb_weights(illuminant, **convention)
+        cosine = np.asarray(cos_theta, dtype=np.float64)[..., None]
+        return conductor(cosine, *self.at(WAVELENGTH_NM)) @ weights.T
+
+    def rgb_coefficients(
+        self, basis: Basis, illuminant: Illuminant = "D65", **convention: str
+    ) -> Array:
+        """Coefficients (3, terms) of the spectrally integrated reflectance in `basis`.
+
+        Integration and projection are linear and commute, so the whole spectrum is projected by
+        its RGB reflectance at 0° and at the nodes. The coefficients may leave [0, 1]: never clamp
+        them. Parameters and errors as for `rgb_reflectance`.
+
+        Examples
+        --------
+        >>> from fresnel_decomp import load_basis, load_material
+        >>> load_material("Au").rgb_coefficients(load_basis()).shape
+        (3, 4)
+        """
+        cos_theta = np.cos(np.array([0.0, *basis.nodes]))
+        f = self.rgb_reflectance(cos_theta, illuminant, **convention)
+        return basis.coefficients_from_reflectance(f[0], f[1:].T)
+
+    def rgb_indices(self, illuminant: Illuminant = "D65", **convention: str) -> tuple[Array, Array]:
+        """One index per channel, (eta (3,), k (3,)): what engines feed into the equations.
+
+        The white-normalised average of eta and k. The weights have negative lobes; where they
+        drive a channel out of range, eta becomes its smallest sample and k becomes 0, and a
+        warning is logged if that changes anything by more than 1e-3. Parameters and errors as for
+        `rgb_reflectance`.
+
+        Examples
+        --------
+        >>> from fresnel_decomp import load_material
+        >>> eta, k = load_material("Au").rgb_indices()
+        >>> eta.round(3)
+        array([0.08 , 0.405, 1.561])
+        """
+        weights = rgb_weights(illuminant, **convention)
+        raw_eta, raw_k = (weights @ values for values in self.at(WAVELENGTH_NM))
+        eta, k = np.where(raw_eta > 0.0, raw_eta, self.eta.min()), np.maximum(raw_k, 0.0)
+        if max(np.abs(eta - raw_eta).max(), np.abs(k - raw_k).max()) > 1e-3:
+            logging.getLogger(__name__).warning(
+                "%s: RGB indices eta=%s, k=%s moved into eta > 0, k >= 0", self.name, raw_eta, raw_k
+            )
+        return eta, k
+
+
+@dataclass(frozen=True)
+class MaterialRow:
+    """One line of `list_materials`."""
+
+    name: str
+    aliases: tuple[str, ...]
+    range_nm: tuple[float, float]
+    samples: int
+    duplicate_of: str | None
+    flags: tuple[str, ...]
+
+    @property
+    def usable(self) -> bool:
+        """Whether `load_material` takes it as it is."""
+        return not self.flags
+
+
+def load_material(
+    name_or_path: str | os.PathLike[str], *, allow_partial: bool = False, allow_broken: bool = False
+) -> Material:
+    """A measured material by name, or a spectrum from a file.
+
+    Parameters
+    ----------
+    name_or_path : str or path
+        A data set of Mitsuba ("Au", "Be_palik") or an alias ("gold"), in any case. Or a file, when
+        it is a path object, has a folder in it, or ends in .spd, .csv or .txt:
+
+        - three columns: wavelength, eta, k (k, eta if a header says so), separated by commas,
+          semicolons or blanks, with or without a header line, comments after #;
+        - two tables of two columns, wavelength and eta, wavelength and k, each under a header
+          line, as refractiveindex.info exports them;
+        - a pair `X.eta.spd` and `X.k.spd` of two columns; give either.
+
+        Wavelengths are in nm, or in µm if the header says "um" or "µm", or, where it names no
+        unit, if all are below 50. They may be in any order; a repeated line counts once.
+    allow_partial : bool
+        Accept a spectrum that does not cover 400–700 nm; the ends are held constant.
+    allow_broken : bool
+        Accept broken data (see the module); samples with eta = 0 are interpolated across.
+
+    Returns
+    -------
+    Material
+        With `flags` that say what was accepted.
+
+    Raises
+    ------
+    InputError
+        Unknown name (with the nearest ones), unreadable file, values that are not finite, eta < 0,
+        k < 0, one wavelength with two values, or data that need one of the options above.
+
+    Examples
+    --------
+    >>> from fresnel_decomp import load_material
+    >>> load_material("beryllium").name
+    'Be'
+    """
+    text = os.fspath(name_or_path)
+    is_path = not isinstance(name_or_path, str) or os.sep in text
+    if is_path or Path(text).suffix.lower() in (".spd", ".csv", ".txt"):
+        material = _from_file(Path(text))
+    else:
+        material = _from_mitsuba(find_data_set(text))
+    for flag in material.flags:
+        kind = flag.partition(":")[0]
+        if not (allow_partial if kind == "partial" else allow_broken):
+            raise input_error(
+                f"material {text!r} is {flag}",
+                "data that cover 400–700 nm without gaps or contradictions",
+                f"Accept it as it is with allow_{kind}=True, or choose another source.",
+            )
+    return material
+
+
+def list_materials() -> list[MaterialRow]:
+    """Every data set of the installed Mitsuba package, sorted by name, broken ones included.
+
+    Examples
+    --------
+    >>> from fresnel_decomp.spectra import list_materials
+    >>> sum(row.usable and row.duplicate_of is None for row in list_materials())
+    35
+    """
+    rows = []
+    first: dict[tuple[bytes, ...], str] = {}
+    for name in data_sets():
+        material = _from_mitsuba(name)
+        values = (material.wavelength_nm.tobytes(), material.eta.tobytes(), material.k.tobytes())
+        original = first.setdefault(values, name)
+        rows.append(
+            MaterialRow(
+                name,
+                material.aliases,
+                material.range_nm,
+                material.wavelength_nm.size,
+                None if original == name else original,
+                material.flags,
+            )
+        )
+    return rows
+
+
+# --- joining and checking ------------------------------------------------------------------------
+
+
+def _from_mitsuba(name: str) -> Material:
+    eta_path, k_path = data_set_files(name)
+    source = f"Mitsuba, data/ior/{eta_path.name} and {k_path.name}"
+    return _material(name, *read_spectrum(eta_path, k_path), source, ALIASES.get(name, ()))
+
+
+def _from_file(path: Path) -> Material:
+    pair = re.fullmatch(r"(.+)\.(eta|k)\.spd", path.name)
+    if not pair:
+        return _material(path.stem, *read_spectrum(path), str(path))
+    paths = [path.with_name(f"{pair[1]}.{part}.spd") for part in ("eta", "k")]
+    return _material(pair[1], *read_spectrum(*paths), " and ".join(map(str, paths)))
+
+
+def _material(
+    name: str, eta_table: Table, k_table: Table, source: str, aliases: tuple[str, ...] = ()
+) -> Material:
+    """Join the tables on one grid, over the range of both, and flag what is wrong with them."""
+    flags = []
+    gap = eta_table[eta_table[:, 1] == 0.0, 0]
+    if gap.size:
+        flags.append(f"broken: eta = 0 at {gap.size} samples, {gap[0]:.1f}–{gap[-1]:.1f} nm")
+    tables = (eta_table[eta_table[:, 1] != 0.0], k_table)
+    low = max(table[:, 0].min(initial=np.inf) for table in tables)
+    high = min(table[:, 0].max(initial=-np.inf) for table in tables)
+    grid = np.unique(np.concatenate([table[:, 0] for table in tables]))
+    grid = grid[(grid >= low) & (grid <= high)]
+    if not grid.size:
+        raise input_error(
+            f"eta and k of {name!r} have no valid wavelength in common",
+            "two tables over the same range, eta > 0",
+            "Check their values and units.",
+        )
+    eta, k = (np.interp(grid, *table.T) for table in tables)
+    if not k.any() and eta[-1] > eta[0] + 0.01:
+        flags.append("broken: k = 0 throughout although eta rises with wavelength")
+    if low > VISIBLE_NM[0] or high < VISIBLE_NM[1]:
+        flags.append(f"partial: it covers {low:.1f}–{high:.1f} nm of 400–700 nm")
+    return Material(name, grid, eta, k, source, aliases, tuple(flags))
+
+
+def _check_spectrum(name: str, wavelength_nm: Array, eta: Array, k: Array) -> None:
+    if wavelength_nm.ndim != 1 or not (wavelength_nm.shape == eta.shape == k.shape != (0,)):
+        raise input_error(
+            f"{name!r} has wavelength_nm, eta, k of shapes "
+            f"{wavelength_nm.shape}, {eta.shape}, {k.shape}",
+            "three arrays of the same shape (n,), n >= 1",
+            "Interpolate eta and k to one grid first.",
+        )
+    rising = np.diff(wavelength_nm, prepend=0.0) > 0.0
+    for symbol, values, valid, accepted, advice in (
+        ("wavelength_nm", wavelength_nm, rising, "strictly increasing values > 0", "Sort them."),
+        ("eta", eta, eta > 0.0, "eta > 0", "Remove gaps that are marked by other values."),
+        ("k", k, k >= 0.0, "k >= 0", "Negate k if your data follow the convention eta - i k."),
+    ):
+        wrong = np.flatnonzero(~(valid & np.isfinite(values)))
+        if wrong.size:
+            at = wrong[0]
+            raise input_error(
+                f"{name!r} has {symbol} = {values[at]:g} at sample {at} ({wavelength_nm[at]:g} nm)",
+                f"{accepted}, finite",
+                advice,
+            )
