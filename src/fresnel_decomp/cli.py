@@ -1,0 +1,343 @@
+"""The command `fresnel-decomp`.
+
+Exit codes: 0 done, 1 something failed, 2 bad input, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import click
+
+from ._check import InputError, input_error
+from ._version import __version__
+
+if TYPE_CHECKING:
+    from .subjects import Subject
+
+__all__ = ["cli", "main"]
+
+_NUMBER_OPTIONS = ("--eta", "--k", "--rg")
+
+
+class Numbers(click.ParamType):
+    """One or more numbers, separated by blanks or commas."""
+
+    name = "numbers"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> list[float]:
+        if not isinstance(value, str):
+            return list(value)
+        try:
+            return [float(text) for text in value.replace(",", " ").split()]
+        except ValueError:
+            self.fail(f"{value!r} is not a list of numbers", param, ctx)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="fresnel-decomp")
+def cli() -> None:
+    """Accurate Fresnel reflectance for real-time rendering.
+
+    The preintegrable decomposition of Belcour, Bati and Barla (SIGGRAPH 2020 Talks), compared with
+    Monte-Carlo references in Mitsuba 3.
+    """
+    from . import doctor
+
+    doctor.prepare()  # before anything imports Dr.Jit
+
+
+@cli.command()
+@click.argument("materials", nargs=-1, metavar="[MATERIAL]...")
+@click.option(
+    "--eta",
+    type=Numbers(),
+    multiple=True,
+    help="Index per channel: R G B, or one number. With --k; repeatable.",
+)
+@click.option(
+    "--k", type=Numbers(), multiple=True, help="Extinction per channel: R G B, or one number."
+)
+@click.option(
+    "--rg",
+    type=Numbers(),
+    multiple=True,
+    help="Reflectivity and edge tint: r g, or six numbers, r of R G B, then g. Repeatable.",
+)
+@click.option(
+    "--alpha",
+    type=float,
+    multiple=True,
+    default=(0.1,),
+    show_default=True,
+    help="Roughness, in (0, 1]. Repeatable.",
+)
+@click.option("--recipe", default="talk", show_default=True, help="Basis: talk or notebook.")
+@click.option("--terms", type=int, default=4, show_default=True, help="Terms of the basis, 3 to 6.")
+@click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
+@click.option("--spp", type=int, help="Samples per pixel.  [default: 64; 16 in scalar variants]")
+@click.option(
+    "--size", type=int, help="Pixels along a side.  [default: 256; 64 in scalar variants]"
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the sampler.")
+@click.option(
+    "--scene", default="studio", show_default=True, help="studio (a sphere) or shader-ball."
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Folder for the results.  [default: out/MATERIAL]",
+)
+def compare(
+    materials: Sequence[str],
+    eta: Sequence[list[float]],
+    k: Sequence[list[float]],
+    rg: Sequence[list[float]],
+    alpha: Sequence[float],
+    out: Path | None,
+    variant: str | None,
+    **options: Any,
+) -> None:
+    """Compare Fresnel models for materials: curves, renders, errors and times.
+
+    MATERIAL is a measured metal ("Be", "gold"; see `fresnel-decomp materials`) or a .spd or CSV
+    file of wavelength, n, k. Results are curves.png, renders.png, EXR images, report.json and
+    report.md.
+
+    \b
+    fresnel-decomp compare Be
+    fresnel-decomp compare Au Cu --alpha 0.05 --alpha 0.3
+    fresnel-decomp compare --eta 0.2 0.92 1.1 --k 3.9 2.45 2.14
+    fresnel-decomp compare --rg 0.44 0.44 0.44 0 1 0 --alpha 0.08
+    """
+    from . import doctor
+
+    best = doctor.best_variant()
+    from .report.comparison import Settings, default_folder, run, summary_rows
+
+    subjects = _subjects(materials, eta, k, rg)
+    settings = Settings(subjects, tuple(alpha), variant=variant or best, **options)
+    settings.check()
+    if variant is None and best.startswith("scalar"):
+        click.echo(f"No usable LLVM or GPU: rendering in {best} at a reduced size.", err=True)
+    folder = default_folder(subjects) if out is None else out
+    try:
+        with _progress() as progress:
+            report = run(settings, folder, ["fresnel-decomp", *sys.argv[1:]], progress)
+    except KeyboardInterrupt:
+        click.echo(
+            f"Interrupted. Finished images are in {folder}; the same command continues there.",
+            err=True,
+        )
+        sys.exit(130)
+    click.echo(f"Wrote curves.png, renders.png, report.md and report.json to {folder}")
+    _print_table(summary_rows(report))
+
+
+def _subjects(
+    materials: Sequence[str],
+    eta: Sequence[list[float]],
+    k: Sequence[list[float]],
+    rg: Sequence[list[float]],
+) -> list[Subject]:
+    from .subjects import from_gulbrandsen, from_indices, from_material
+
+    if len(eta) != len(k):
+        raise input_error(
+            f"{len(eta)} × --eta and {len(k)} × --k",
+            "as many of one as of the other",
+            "For example --eta 0.2 0.92 1.1 --k 3.9 2.45 2.14",
+        )
+    for numbers in rg:
+        if len(numbers) not in (2, 6):
+            raise input_error(
+                f"--rg with {len(numbers)} numbers",
+                "r g, or six: r of the channels R, G, B, then g",
+                "For example --rg 0.9 0.5",
+            )
+    subjects = [from_material(material) for material in materials]
+    subjects += [from_indices(*pair) for pair in zip(eta, k, strict=True)]
+    subjects += [from_gulbrandsen(n[: len(n) // 2], n[len(n) // 2 :]) for n in rg]
+    unique = {subject.name: subject for subject in subjects}
+    if not unique:
+        raise input_error(
+            "no material", "a MATERIAL, --eta with --k, or --rg", "For example: compare Be"
+        )
+    return list(unique.values())
+
+
+@cli.command()
+def materials() -> None:
+    """List the measured materials, with what is broken or incomplete."""
+    from .spectra import list_materials
+
+    rows = [["name", "also", "wavelengths (nm)", "samples", "remarks"]]
+    entries = list_materials()
+    for entry in entries:
+        remarks = [f"same data as {entry.duplicate_of}"] if entry.duplicate_of else []
+        rows.append(
+            [
+                entry.name,
+                ", ".join(entry.aliases),
+                "{:.0f}–{:.0f}".format(*entry.range_nm),
+                str(entry.samples),
+                "; ".join([*remarks, *entry.flags]),
+            ]
+        )
+    _print_table(rows, right=(3,))
+    distinct = [entry for entry in entries if entry.duplicate_of is None]
+    usable = sum(entry.usable for entry in distinct)
+    click.echo(f"{len(entries)} names, {len(distinct)} data sets, {usable} of them usable.")
+
+
+@cli.command()
+@click.option("--recipe", default="talk", show_default=True, help="talk or notebook.")
+@click.option("--terms", type=int, default=4, show_default=True, help="3 to 6.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Figure.  [default: out/basis-RECIPE-TERMS.png]"
+)
+def basis(recipe: str, terms: int, out: Path | None) -> None:
+    """Plot a basis; print its nodes, conditioning and origin."""
+    import numpy as np
+
+    from ._files import writable_folder
+    from .basis import load_basis
+    from .report.basis import draw_basis
+
+    loaded = load_basis(recipe, terms)
+    path = Path("out") / f"basis-{recipe}-{terms}.png" if out is None else out
+    if path.suffix.lower() not in (".png", ".pdf", ".svg"):
+        raise input_error(f"--out {path}", "a file ending in .png, .pdf or .svg", "Rename it.")
+    writable_folder(path.parent)
+    draw_basis(loaded, path)
+    origin = loaded.provenance
+    for number, node in enumerate(loaded.nodes, 2):
+        click.echo(
+            f"node {number}: {node:.6f} rad = {np.degrees(node):.4f}°, cos = {np.cos(node):.6f}"
+        )
+    click.echo(f"condition number of the node system: {loaded.condition:.4f}")
+    m, n = len(loaded.closed_form.denominator) - 1, loaded.closed_form.numerators.shape[1]
+    click.echo(
+        f"closed form: degree {n} over {m}, shared denominator, "
+        f"within {loaded.closed_form.error:.1e} of the extracted functions"
+    )
+    click.echo(
+        f"training set '{origin['training_set']}': {origin['training_curves']} curves, "
+        f"{origin['grid']}, sha256 {origin['training_sha256'][:16]}…"
+    )
+    click.echo(f"rule: {origin['rule']}; signs: {origin['sign_rule']}")
+    click.echo(f"Wrote {path}")
+
+
+@cli.command()
+@click.option("--fix", is_flag=True, help="Get a working LLVM if there is none, without root.")
+def doctor(fix: bool) -> None:
+    """Say which Mitsuba variants work here, and what to do about those that do not."""
+    from . import doctor as health
+
+    fixed = health.fix(lambda text: click.echo(text, err=True)) if fix else None
+    click.echo(health.format_report(health.report()))
+    if fixed is not None and not fixed.usable:
+        click.echo(f"{fixed.reason}. {fixed.remedy}", err=True)
+        sys.exit(1)
+
+
+@contextlib.contextmanager
+def _progress() -> Iterator[Callable[[str, float], None]]:
+    """A progress bar on stderr that appears after a second and leaves nothing behind."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    bar = Progress(
+        TextColumn("{task.description:<24}"),
+        BarColumn(bar_width=40),
+        TextColumn("{task.percentage:3.0f}%"),
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )
+    task = bar.add_task("starting", total=1.0)
+    begun = time.monotonic()
+    started = False
+
+    def progress(stage: str, fraction: float) -> None:
+        nonlocal started
+        if not started and time.monotonic() - begun > 1.0:
+            bar.start()
+            started = True
+        bar.update(task, description=stage, completed=fraction)
+
+    try:
+        yield progress
+    finally:
+        bar.stop()
+
+
+def _print_table(rows: Sequence[Sequence[str]], right: Sequence[int] | None = None) -> None:
+    """Print rows, the first of them the header, in columns; numbers to the right."""
+    from rich.cells import cell_len
+
+    widths = [max(cell_len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    if right is None:
+        right = [i for i in range(len(widths)) if rows[-1][i][:1].isdigit()]
+    for row in rows:
+        cells = [
+            " " * (widths[i] - cell_len(cell)) + cell
+            if i in right
+            else cell + " " * (widths[i] - cell_len(cell))
+            for i, cell in enumerate(row)
+        ]
+        click.echo("  ".join(cells).rstrip())
+
+
+def _join_numbers(arguments: Sequence[str]) -> list[str]:
+    """`--eta 1 2 3` as one argument, `--eta=1 2 3`, so that options take lists of numbers."""
+    joined: list[str] = []
+    collecting = False
+    for argument in arguments:
+        if argument in _NUMBER_OPTIONS:
+            joined.append(f"{argument}=")
+            collecting = True
+        elif collecting and _is_number_list(argument):
+            joined[-1] += ("" if joined[-1].endswith("=") else " ") + argument
+        else:
+            joined.append(argument)
+            collecting = False
+    return joined
+
+
+def _is_number_list(text: str) -> bool:
+    try:
+        [float(part) for part in text.split(",")]
+    except ValueError:
+        return False
+    return True
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run the command and exit; errors are one message on stderr, without a traceback."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        cli.main(_join_numbers(given), prog_name="fresnel-decomp", standalone_mode=False)
+        code = 0
+    except InputError as error:
+        click.echo(f"Error: {error}", err=True)
+        code = 2
+    except click.ClickException as error:
+        error.show()
+        code = error.exit_code
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("Interrupted.", err=True)
+        code = 130
+    except (ImportError, OSError) as error:
+        click.echo(f"Error: {error}", err=True)
+        code = 1
+    sys.stdout.flush()
+    sys.exit(code)

@@ -1,0 +1,53 @@
+"""The decomposition in Mitsuba 3: the BSDF plugin `decomposed_conductor`.
+
+Importing this package loads Mitsuba but sets no variant. Inside it, `mi` is the renderer.
+"""
+
+from __future__ import annotations
+
+import mitsuba as mi
+
+from .._check import input_error
+
+__all__ = ["register"]
+
+_registered: set[str] = set()
+
+
+def register() -> None:
+    """Make the BSDF plugin `decomposed_conductor` known to Mitsuba.
+
+    It is registered for the active variant, and for every variant that is set later. Calling this
+    again does no harm. The parameters are those of `DecomposedConductor`.
+
+    Raises
+    ------
+    InputError
+        If no variant is set.
+
+    Examples
+    --------
+    >>> import mitsuba as mi
+    >>> mi.set_variant("scalar_rgb")
+    >>> from fresnel_decomp.mitsuba import register
+    >>> register()
+    >>> beryllium = mi.load_dict({"type": "decomposed_conductor", "material": "Be", "alpha": 0.1})
+    """
+    if mi.variant() is None:
+        raise input_error(
+            "no Mitsuba variant is set",
+            ", ".join(mi.variants()),
+            "Call mitsuba.set_variant(...) before register().",
+        )
+    if not _registered:
+        mi.detail.add_variant_callback(_register_variant)
+    _register_variant(None, mi.variant())
+
+
+def _register_variant(_old: str | None, new: str) -> None:
+    if new in _registered:
+        return
+    from .conductor import plugin_class
+
+    mi.register_bsdf("decomposed_conductor", plugin_class())
+    _registered.add(new)

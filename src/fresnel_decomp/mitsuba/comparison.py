@@ -1,0 +1,451 @@
+"""One scene, several Fresnel models, the same random numbers: what is left is the model.
+
+Sampling does not depend on the Fresnel term and Russian roulette is off in our scenes, so two
+same-seed images use the same paths and differ by the reflectance along them, without noise of
+their own. Times are taken by `kernel_times`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import statistics
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._check import choose, input_error
+from .._files import writable_folder
+from .._version import __version__
+from ..images import read_exr, read_exr_attributes, write_exr
+from .scenes import load_scene
+
+__all__ = [
+    "MODELS",
+    "Timing",
+    "conductor_bsdf",
+    "kernel_times",
+    "model_bsdfs",
+    "render_bsdfs",
+    "render_models",
+    "render_scene",
+    "variant_scope",
+]
+
+MODELS = ("exact", "decomposition", "schlick")
+
+_SETTINGS = "fresnelDecompSettings"  # attribute of our EXR files: what an image was made from
+_WAVEFRONT = 2**22  # samples traced at once: memory, and the time until Ctrl-C is heard
+_WAVEFRONT_SCALAR = 2**17
+
+Progress = Callable[[str, float], None]
+
+
+@contextlib.contextmanager
+def variant_scope(variant: str | None = None) -> Iterator[str]:
+    """Activate a Mitsuba variant with our plugin for a block, then restore the one before.
+
+    Parameters
+    ----------
+    variant : str, optional
+        Name of a variant; by default the active one.
+
+    Yields
+    ------
+    str
+        The variant in use.
+
+    Raises
+    ------
+    InputError
+        If there is no such variant, it cannot run here, or none was named and none is active.
+    """
+    import mitsuba as mi
+
+    from ..doctor import require_variant
+    from . import register
+
+    before = mi.variant()
+    name = variant or before
+    if name is None:
+        raise input_error(
+            "no variant given and none is active",
+            ", ".join(mi.variants()),
+            "Pass variant=..., or call mitsuba.set_variant first.",
+        )
+    require_variant(name)  # a kernel without a usable LLVM would end the process
+    try:
+        if name != before:
+            mi.set_variant(name)
+        register()
+        yield name
+    finally:
+        if before is not None and mi.variant() != before:
+            mi.set_variant(before)
+
+
+def _index(name: str, value: ArrayLike, wavelength_nm: ArrayLike | None) -> float | dict[str, Any]:
+    values = np.asarray(value, dtype=np.float64)
+    if wavelength_nm is not None:
+        wavelengths = np.asarray(wavelength_nm, dtype=np.float64)
+        if values.ndim != 1 or values.shape != wavelengths.shape or len(values) < 2:
+            raise input_error(
+                f"{name} of shape {values.shape} for wavelengths of shape {wavelengths.shape}",
+                "two (n,) arrays with n ≥ 2",
+                "Give one value per wavelength.",
+            )
+        pairs = zip(wavelengths.tolist(), values.tolist(), strict=True)
+        return {"type": "spectrum", "value": list(pairs)}
+    if values.shape not in ((), (1,), (3,)):
+        raise input_error(
+            f"{name} of shape {values.shape}",
+            "one number, or three: red, green and blue",
+            "Pass wavelength_nm for a spectrum.",
+        )
+    return {"type": "rgb", "value": values.tolist()} if values.size == 3 else values.item()
+
+
+def _suits(variant: str, eta: ArrayLike, k: ArrayLike, wavelength_nm: ArrayLike | None) -> None:
+    """Refuse indices that Mitsuba would convert: it treats them as colours, which they are not."""
+    if wavelength_nm is not None:
+        if "spectral" not in variant:
+            raise input_error(
+                f"spectral indices for {variant}",
+                "one number or (3,) arrays in RGB variants",
+                "Choose a spectral variant, or integrate the spectra first.",
+            )
+    elif "rgb" not in variant and max(np.size(eta), np.size(k)) == 3:
+        raise input_error(
+            f"RGB indices for {variant}",
+            "one number, or in spectral variants (n,) arrays with wavelength_nm",
+            "Choose an RGB variant, or pass spectra.",
+        )
+
+
+def conductor_bsdf(
+    eta: ArrayLike,
+    k: ArrayLike,
+    *,
+    alpha: float = 0.1,
+    fresnel: str = "exact",
+    wavelength_nm: ArrayLike | None = None,
+    distribution: str = "ggx",
+    recipe: str = "talk",
+    terms: int = 4,
+) -> dict[str, Any]:
+    """The dictionary of a `decomposed_conductor`.
+
+    Parameters
+    ----------
+    eta, k : float or (3,) float array, or (n,) with `wavelength_nm`
+        Relative index of refraction and extinction: grey, per RGB channel, or spectral.
+    alpha : float in (0, 1]
+        Roughness of the microfacet distribution (not the perceptual roughness, its square root).
+    fresnel : 'exact', 'decomposition', 'schlick' or 'f82'
+        The model that evaluates eta and k.
+    wavelength_nm : (n,) float array, optional
+        Makes eta and k spectra; for spectral variants, which would turn RGB into a colour.
+    distribution : 'ggx' or 'beckmann'
+    recipe, terms
+        The basis, for `fresnel='decomposition'`.
+
+    Returns
+    -------
+    dict
+        For `mi.load_dict`, once the plugin is registered.
+    """
+    if not 0.0 < alpha <= 1.0:
+        raise input_error(f"alpha={alpha}", "a number in (0, 1]", "Mirrors need alpha near 1e-3.")
+    bsdf: dict[str, Any] = {
+        "type": "decomposed_conductor",
+        "eta": _index("eta", eta, wavelength_nm),
+        "k": _index("k", k, wavelength_nm),
+        "alpha": float(alpha),
+        "distribution": choose("distribution", distribution, ("ggx", "beckmann")),
+        "fresnel": choose("fresnel", fresnel, ("exact", "decomposition", "schlick", "f82")),
+    }
+    if fresnel == "decomposition":
+        bsdf |= {"recipe": recipe, "terms": int(terms)}
+    return bsdf
+
+
+def model_bsdfs(
+    eta: ArrayLike, k: ArrayLike, models: Sequence[str] = MODELS, **options: Any
+) -> dict[str, dict[str, Any]]:
+    """One `conductor_bsdf` for each model, alike in everything but `fresnel`."""
+    return {model: conductor_bsdf(eta, k, fresnel=model, **options) for model in models}
+
+
+def _grid(samples: int) -> bool:
+    """Whether a stratified square or nearly square grid has this many cells (see below)."""
+    side = math.isqrt(samples)
+    return samples in (side * side, side * (side + 1))
+
+
+def _passes(spp: int, limit: int) -> list[int]:
+    """Split spp into passes of at most `limit`, each a number the multijitter sampler takes as is.
+
+    That sampler rounds other numbers up, which would make passes of different weight.
+    """
+    limit = max(1, limit)
+    even = max(d for d in range(1, min(spp, limit) + 1) if spp % d == 0 and _grid(d))
+    if 4 * even >= min(spp, limit):
+        return [even] * (spp // even)
+    passes = []
+    while spp:
+        passes.append(max(d for d in range(1, min(spp, limit) + 1) if _grid(d)))
+        spp -= passes[-1]
+    return passes
+
+
+def render_scene(
+    scene: Any, spp: int = 64, seed: int = 0, progress: Callable[[float], None] | None = None
+) -> NDArray[np.float32]:
+    """Render a loaded scene in the active variant, in passes small enough for memory and Ctrl-C.
+
+    Parameters
+    ----------
+    scene : mi.Scene
+    spp : int, ≥ 1
+        Samples per pixel.
+    seed : int, ≥ 0
+        Pass i of any scene of this size draws the same random numbers for the same seed.
+    progress : callable, optional
+        Called with the fraction done, in (0, 1], after each pass.
+
+    Returns
+    -------
+    (height, width, 3) float32 array
+        Linear sRGB; grey in monochrome variants.
+    """
+    import mitsuba as mi
+
+    if spp < 1:
+        raise input_error(f"spp={spp}", "an integer ≥ 1", "64 gives clean pictures of our scenes.")
+    width, height = scene.sensors()[0].film().size()
+    scalar = str(mi.variant()).startswith("scalar")
+    limit = (_WAVEFRONT_SCALAR if scalar else _WAVEFRONT) // (width * height)
+    passes = _passes(spp, limit)
+    seeds = np.random.SeedSequence(seed).generate_state(len(passes)).tolist()
+    total = np.zeros((), dtype=np.float64)
+    done = 0
+    for samples, own_seed in zip(passes, seeds, strict=True):
+        total = total + samples * np.array(mi.render(scene, spp=samples, seed=own_seed), np.float64)
+        done += samples
+        if progress is not None:
+            progress(done / spp)
+    image: NDArray[np.float32] = (total / spp).astype(np.float32)
+    return image if image.shape[2] == 3 else np.repeat(image[..., :1], 3, axis=2)
+
+
+def render_bsdfs(
+    bsdfs: Mapping[str, Any],
+    *,
+    scene: str = "studio",
+    size: int | tuple[int, int] = 256,
+    spp: int = 64,
+    seed: int = 0,
+    variant: str | None = None,
+    folder: str | os.PathLike[str] | None = None,
+    stem: str = "render",
+    progress: Progress | None = None,
+) -> dict[str, NDArray[np.float32]]:
+    """Render one scene with each BSDF, same seed and same samples.
+
+    Parameters
+    ----------
+    bsdfs : mapping of names to BSDF dictionaries
+    scene : 'studio' or 'shader-ball'
+    size : int or (width, height)
+    spp, seed
+        As for `render_scene`.
+    variant : str, optional
+        Mitsuba variant, by default the active one; restored afterwards.
+    folder : path, optional
+        Write each image to `<stem>_<name>.exr` there as soon as it is finished. A file that was
+        made from the same settings by the same versions is read instead of rendered again, so an
+        interrupted run goes on where it stopped.
+    stem : str
+    progress : callable, optional
+        Called with the name of the model and the fraction of its image that is done.
+
+    Returns
+    -------
+    dict of (height, width, 3) float32 arrays
+        Linear sRGB, by name.
+
+    Examples
+    --------
+    >>> bsdfs = model_bsdfs([1.35, 1.0, 0.62], [7.47, 6.4, 5.3], alpha=0.2)
+    >>> images = render_bsdfs(bsdfs, size=16, spp=4, variant="scalar_rgb")
+    >>> list(images), images["exact"].shape
+    (['exact', 'decomposition', 'schlick'], (16, 16, 3))
+    """
+    import mitsuba as mi
+
+    target = None if folder is None else writable_folder(folder)
+    images = {}
+    with variant_scope(variant) as active:
+        for name, bsdf in bsdfs.items():
+            settings = {
+                "bsdf": bsdf,
+                "scene": scene,
+                "size": size,
+                "spp": spp,
+                "seed": seed,
+                "variant": active,
+                "fresnel_decomp": __version__,
+                "mitsuba": mi.__version__,
+            }
+            text = json.dumps(settings, sort_keys=True, default=str)
+            path = None if target is None else target / f"{stem}_{name}.exr"
+            image = None if path is None else _finished(path, text)
+            if image is None:
+
+                def report(fraction: float, name: str = name) -> None:
+                    if progress is not None:
+                        progress(name, fraction)
+
+                image = render_scene(load_scene(scene, bsdf, size), spp, seed, report)
+                if path is not None:
+                    software = f"fresnel_decomp {__version__}, Mitsuba {mi.__version__}"
+                    write_exr(path, image, {"software": software, _SETTINGS: text})
+            elif progress is not None:
+                progress(name, 1.0)
+            images[name] = image
+    return images
+
+
+def _finished(path: Path, settings: str) -> NDArray[np.float32] | None:
+    """The image at `path` if it was made from `settings`."""
+    with contextlib.suppress(ValueError):  # not an EXR file: render it anew
+        if path.is_file() and read_exr_attributes(path).get(_SETTINGS) == settings:
+            return read_exr(path)
+    return None
+
+
+def render_models(
+    eta: ArrayLike,
+    k: ArrayLike,
+    models: Sequence[str] = MODELS,
+    *,
+    alpha: float = 0.1,
+    wavelength_nm: ArrayLike | None = None,
+    distribution: str = "ggx",
+    recipe: str = "talk",
+    terms: int = 4,
+    **options: Any,
+) -> dict[str, NDArray[np.float32]]:
+    """Render a conductor with several Fresnel models that share indices, paths and samples.
+
+    Parameters
+    ----------
+    eta, k, alpha, wavelength_nm, distribution, recipe, terms
+        As for `conductor_bsdf`.
+    models : sequence of str
+        What `fresnel` takes; the names of the images.
+    **options
+        Go to `render_bsdfs`: scene, size, spp, seed, variant, folder, stem, progress.
+
+    Returns
+    -------
+    dict of (height, width, 3) float32 arrays
+        Linear sRGB, by model.
+    """
+    with variant_scope(options.get("variant")) as active:
+        _suits(active, eta, k, wavelength_nm)
+    bsdfs = model_bsdfs(
+        eta,
+        k,
+        models,
+        alpha=alpha,
+        wavelength_nm=wavelength_nm,
+        distribution=distribution,
+        recipe=recipe,
+        terms=terms,
+    )
+    return render_bsdfs(bsdfs, **options)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How long a full render takes with one model."""
+
+    median_ms: float
+    runs_ms: tuple[float, ...]
+    clock: str
+    """'kernel' (sum of Dr.Jit's kernel times) or 'wall' (scalar variants have no kernels)."""
+    variant: str
+    threads: int
+    """Of Dr.Jit's pool; 0 on a GPU."""
+
+
+def kernel_times(
+    bsdfs: Mapping[str, Any],
+    *,
+    scene: str = "studio",
+    size: int | tuple[int, int] = 128,
+    spp: int = 16,
+    seed: int = 0,
+    runs: int = 7,
+    variant: str | None = None,
+) -> dict[str, Timing]:
+    """Time of rendering one scene with each BSDF, warm, with forced evaluation.
+
+    Models take turns, in alternating order, so that a slow moment of the machine falls on all of
+    them. Two runs of each go before the first that counts: they compile.
+
+    Parameters
+    ----------
+    bsdfs, scene, size, spp, seed, variant
+        As for `render_bsdfs`; one pass of spp samples is timed.
+    runs : int, ≥ 7
+        That count, for each model.
+
+    Returns
+    -------
+    dict of Timing
+        By name; compare medians as ratios.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    if runs < 7:
+        raise input_error(f"runs={runs}", "an integer ≥ 7", "A median of fewer says little.")
+    times: dict[str, list[float]] = {name: [] for name in bsdfs}
+    with variant_scope(variant) as active:
+        scalar = active.startswith("scalar")
+        scenes = {name: load_scene(scene, bsdf, size) for name, bsdf in bsdfs.items()}
+        scope = (
+            contextlib.nullcontext()
+            if scalar
+            else dr.scoped_set_flag(dr.JitFlag.KernelHistory, True)
+        )
+        with scope:
+            for run in range(-2, runs):
+                for name in list(scenes)[:: -1 if run % 2 else 1]:
+                    if not scalar:
+                        dr.kernel_history_clear()
+                    start = time.perf_counter()
+                    dr.eval(mi.render(scenes[name], spp=spp, seed=seed))
+                    if scalar:
+                        elapsed = 1e3 * (time.perf_counter() - start)
+                    else:
+                        dr.sync_thread()
+                        kernels = dr.kernel_history([dr.KernelType.JIT])
+                        elapsed = sum(kernel["execution_time"] for kernel in kernels)
+                    if run >= 0:
+                        times[name].append(elapsed)
+        clock = "wall" if scalar else "kernel"
+        threads = 0 if active.startswith("cuda") else dr.thread_count()
+    return {
+        name: Timing(statistics.median(values), tuple(values), clock, active, threads)
+        for name, values in times.items()
+    }

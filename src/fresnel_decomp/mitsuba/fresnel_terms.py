@@ -1,0 +1,150 @@
+"""What a conductor is made of, and which Fresnel term is made from it.
+
+A *material* is a set of parameters that determines reflectance: `Indices` (eta, k), `Gulbrandsen`
+(r, g), `NodeColours` (f0, f1, ...) or `Coefficients` (c0, c1, ...). A *term* (`Exact`, `Schlick`,
+`F82`, `Decomposition`) says which numbers it needs of a material (`project`, done once, on flat
+arrays) and evaluates them at a shading point (calling it, per channel).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import mitsuba as mi
+
+from .._check import input_error
+from ..fresnel import conductor
+from ..parametrization import F82_COSINE, gulbrandsen_to_ior
+
+if TYPE_CHECKING:
+    from ..basis import Basis
+
+__all__ = ["F82", "Decomposition", "Exact", "Material", "Schlick", "parameter_names"]
+
+
+def parameter_names(given: Sequence[str], terms: int) -> tuple[str, ...]:
+    """The one complete set of material parameters among the property names `given`.
+
+    Raises
+    ------
+    InputError
+        If there is none, more than one, or an incomplete one.
+    """
+    sets = (
+        ("material",),
+        ("eta", "k"),
+        ("r", "g"),
+        tuple(f"f{i}" for i in range(terms - 1)),
+        tuple(f"c{i}" for i in range(terms)),
+    )
+    found = [names for names in sets if any(name in given for name in names)]
+    if len(found) == 1 and all(name in given for name in found[0]):
+        return found[0]
+    present = [name for names in sets for name in names if name in given]
+    raise input_error(
+        f"the conductor is given by {', '.join(present) or 'nothing'}",
+        "exactly one of " + " | ".join(" + ".join(names) for names in sets),
+        "f0, f1, ... are reflectances at normal incidence and the nodes of the basis, "
+        "c0, c1, ... its coefficients.",
+    )
+
+
+class Material:
+    """Values of one parameter set, as indices, coefficients or reflectances.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The set, as `parameter_names` returns it.
+    values : sequence of flat Dr.Jit arrays
+        One per name ("material" stands for eta and k).
+    basis : callable returning Basis
+        Called only where the basis is needed.
+    """
+
+    def __init__(
+        self, names: tuple[str, ...], values: Sequence[Any], basis: Callable[[], Basis]
+    ) -> None:
+        self.kind, self.values, self.basis = names[0][0], values, basis
+
+    def indices(self) -> Sequence[Any]:
+        return gulbrandsen_to_ior(*self.values) if self.kind == "r" else self.values
+
+    def coefficients(self) -> Sequence[Any]:
+        if self.kind == "c":
+            return self.values
+        if self.kind == "f":
+            return self.basis().coefficients_from_reflectance(self.values[0], self.values[1:])
+        return self.basis().coefficients(*self.indices())
+
+    def reflectance(self, cos_theta: float) -> Any:
+        if self.kind in "cf":
+            return self.basis().evaluate(self.coefficients(), cos_theta)
+        return conductor(cos_theta, *self.indices())
+
+
+class Exact:
+    """Mitsuba's own exact Fresnel equations, as in the built-in `roughconductor`."""
+
+    project = staticmethod(Material.indices)
+
+    def __call__(self, cos_theta: Any, eta: Any, k: Any) -> Any:
+        channels = zip(eta, k, strict=True)
+        values = [mi.fresnel_conductor(cos_theta, mi.Complex2f(*index)) for index in channels]
+        return mi.UnpolarizedSpectrum(values if len(values) > 1 else values[0])
+
+
+class Schlick:
+    """F0 + (1 - F0)(1 - cos)^5 with the exact F0 (Schlick 1994, eq. 15)."""
+
+    @staticmethod
+    def project(material: Material) -> Sequence[Any]:
+        return (material.reflectance(1.0),)
+
+    def __call__(self, cos_theta: Any, f0: Any) -> Any:
+        m = 1.0 - cos_theta
+        m2 = m * m
+        return dr.fma(1.0 - f0, m2 * m2 * m, f0)
+
+
+class F82:
+    """Schlick's curve less a cos (1 - cos)^6, exact at cos = 1/7 (Hoffman 2019)."""
+
+    @staticmethod
+    def project(material: Material) -> Sequence[Any]:
+        f0, m = material.reflectance(1.0), 1.0 - F82_COSINE
+        schlick = f0 + (1.0 - f0) * m**5
+        return f0, (schlick - material.reflectance(F82_COSINE)) / (F82_COSINE * m**6)
+
+    def __call__(self, cos_theta: Any, f0: Any, a: Any) -> Any:
+        m = 1.0 - cos_theta
+        m2 = m * m
+        m5 = m2 * m2 * m
+        return dr.fma(1.0 - f0, m5, f0) - a * (cos_theta * m5 * m)
+
+
+class Decomposition:
+    """Sum of c_i b_i(cos), with `basis.closed_form`: one division, shared by all channels."""
+
+    project = staticmethod(Material.coefficients)
+
+    def __init__(self, basis: Basis) -> None:
+        self.basis = basis
+
+    def __call__(self, cos_theta: Any, c0: Any, *c: Any) -> Any:
+        form = self.basis.closed_form
+        scale = (1.0 - cos_theta) / _polynomial(form.denominator.tolist(), cos_theta)
+        value = c0
+        for weight, row in zip(c, form.numerators.tolist(), strict=True):
+            value = dr.fma(weight, scale * _polynomial(row, cos_theta), value)
+        return value
+
+
+def _polynomial(coefficients: list[float], x: Any) -> Any:
+    """Horner's rule with fused multiply-adds; `coefficients` ascending, at least two."""
+    value: Any = coefficients[-1]
+    for coefficient in coefficients[-2::-1]:
+        value = dr.fma(x, value, coefficient) if coefficient else x * value
+    return value

@@ -1,0 +1,1 @@
+"""Figures and reports: everything that draws or prints a result, and computes none."""

@@ -1,0 +1,92 @@
+"""The studio and the shader ball: geometry, lights, loading and reproducibility."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fresnel_decomp._check import InputError
+from fresnel_decomp.mitsuba import scenes
+
+METAL: dict[str, Any] = {"type": "roughconductor", "material": "Cr", "alpha": 0.2}
+
+
+@pytest.mark.parametrize("name", ["plinth", "collar", "ball"])
+def test_meshes_are_watertight_and_face_outward(name: str) -> None:
+    positions, normals, faces = scenes._geometry(name)
+    assert faces.max() == len(positions) - 1
+    directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    codes = directed[:, 0].astype(np.int64) * len(positions) + directed[:, 1]
+    twins = directed[:, 1].astype(np.int64) * len(positions) + directed[:, 0]
+    assert len(np.unique(codes)) == len(codes)  # each edge once in this direction
+    np.testing.assert_array_equal(np.sort(codes), np.sort(twins))  # and once in the other
+    assert len(positions) - len(codes) // 2 + len(faces) == 2  # Euler: a sphere's topology
+
+    corners = positions[faces]
+    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
+    assert np.linalg.norm(area, axis=1).min() > 0
+    assert np.einsum("fi,fi->", corners.mean(axis=1), area) / 3 > 0  # volume: outward
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-12)
+    assert np.einsum("fi,fvi->fv", area, normals[faces]).min() > 0
+
+
+def test_revolved_sphere_is_a_sphere() -> None:
+    t = np.linspace(0.0, np.pi, 200)
+    radius = np.sin(t)
+    radius[-1] = 0.0
+    positions, normals, faces = scenes.revolve(radius, np.cos(t), 128)
+    np.testing.assert_allclose(normals, positions, atol=1e-12)
+    corners = positions[faces]
+    volume = np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    assert volume == pytest.approx(4 / 3 * np.pi, rel=2e-3)
+
+
+def test_lights_are_bounded_and_neutral() -> None:
+    image = scenes.studio_lights()
+    assert image.shape == (512, 1024, 3)
+    assert image.min() > 0.05
+    assert image.max() < 3.0
+    np.testing.assert_array_equal(image[..., 0], image[..., 2])
+    assert np.abs(image[:, 0] - image[:, -1]).max() < 0.1  # no seam
+    assert not image.flags.writeable
+
+
+@pytest.mark.parametrize("name", list(scenes.SCENES))
+def test_scenes_render_the_same_twice(variant: str, name: str) -> None:
+    import mitsuba as mi
+
+    scene = scenes.load_scene(name, METAL, size=(20, 16))
+    first = np.array(mi.render(scene, spp=4, seed=3))
+    assert first.shape == (16, 20, 3)
+    assert np.isfinite(first).all()
+    assert first.min() > 0.0  # no black holes
+    assert first.max() < 3.0  # no fireflies
+    again = scenes.load_scene(name, METAL, size=(20, 16))
+    np.testing.assert_array_equal(np.array(mi.render(again, spp=4, seed=3)), first)
+    assert np.any(np.array(mi.render(scene, spp=4, seed=4)) != first)
+
+
+def test_lights_are_where_their_docstring_says(variant: str) -> None:
+    """A mirror sphere sees the key light on its upper left and the horseshoe along its top."""
+    import mitsuba as mi
+
+    mirror = {"type": "conductor", "material": "none"}
+    image = np.array(mi.render(scenes.load_scene("studio", mirror, size=64), spp=4))[..., 1]
+    assert image[20, 24] > 2.0  # key
+    assert image[7, 32] == pytest.approx(0.95, abs=0.1)  # horseshoe
+    assert image[30, 32] < 0.6  # front of the ball: what is behind the camera
+
+
+def test_russian_roulette_never_starts(variant: str) -> None:
+    for make in scenes.SCENES.values():
+        integrator = make(METAL, 16)["integrator"]
+        assert integrator["rr_depth"] > integrator["max_depth"]
+
+
+def test_bad_input(variant: str) -> None:
+    with pytest.raises(InputError, match="shader-ball"):
+        scenes.load_scene("shaderball", METAL)
+    with pytest.raises(InputError, match="size"):
+        scenes.load_scene("studio", METAL, size=0)
