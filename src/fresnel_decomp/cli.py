@@ -34,9 +34,12 @@ class Numbers(click.ParamType):
         if not isinstance(value, str):
             return list(value)
         try:
-            return [float(text) for text in value.replace(",", " ").split()]
+            numbers = [float(text) for text in value.replace(",", " ").split()]
         except ValueError:
             self.fail(f"{value!r} is not a list of numbers", param, ctx)
+        if not numbers:
+            self.fail("a number is missing", param, ctx)
+        return numbers
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -88,6 +91,8 @@ def cli() -> None:
 @click.option(
     "--scene", default="studio", show_default=True, help="studio (a sphere) or shader-ball."
 )
+@click.option("--allow-partial", is_flag=True, help="Accept spectra that do not cover 400-700 nm.")
+@click.option("--allow-broken", is_flag=True, help="Accept data that contradict themselves.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
@@ -101,6 +106,8 @@ def compare(
     alpha: Sequence[float],
     out: Path | None,
     variant: str | None,
+    allow_partial: bool,
+    allow_broken: bool,
     **options: Any,
 ) -> None:
     """Compare Fresnel models for materials: curves, renders, errors and times.
@@ -120,7 +127,8 @@ def compare(
     best = doctor.best_variant()
     from .report.comparison import Settings, default_folder, run, summary_rows
 
-    subjects = _subjects(materials, eta, k, rg)
+    accept = {"allow_partial": allow_partial, "allow_broken": allow_broken}
+    subjects = _subjects(materials, eta, k, rg, accept)
     settings = Settings(subjects, tuple(alpha), variant=variant or best, **options)
     settings.check()
     if variant is None and best.startswith("scalar"):
@@ -144,6 +152,7 @@ def _subjects(
     eta: Sequence[list[float]],
     k: Sequence[list[float]],
     rg: Sequence[list[float]],
+    accept: dict[str, bool],
 ) -> list[Subject]:
     from .subjects import from_gulbrandsen, from_indices, from_material
 
@@ -160,7 +169,7 @@ def _subjects(
                 "r g, or six: r of the channels R, G, B, then g",
                 "For example --rg 0.9 0.5",
             )
-    subjects = [from_material(material) for material in materials]
+    subjects = [from_material(material, **accept) for material in materials]
     subjects += [from_indices(*pair) for pair in zip(eta, k, strict=True)]
     subjects += [from_gulbrandsen(n[: len(n) // 2], n[len(n) // 2 :]) for n in rg]
     unique = {subject.name: subject for subject in subjects}
@@ -302,11 +311,12 @@ def _join_numbers(arguments: Sequence[str]) -> list[str]:
     joined: list[str] = []
     collecting = False
     for argument in arguments:
+        first = collecting and joined[-1].endswith("=")
         if argument in _NUMBER_OPTIONS:
             joined.append(f"{argument}=")
             collecting = True
-        elif collecting and _is_number_list(argument):
-            joined[-1] += ("" if joined[-1].endswith("=") else " ") + argument
+        elif collecting and (first or _is_number_list(argument)):
+            joined[-1] += argument if first else f" {argument}"
         else:
             joined.append(argument)
             collecting = False

@@ -41,9 +41,12 @@ class Subject:
         return bool(np.all(self.eta == self.eta[0]) and np.all(self.k == self.k[0]))
 
 
-def from_material(name_or_path: str) -> Subject:
-    """A measured material by name, alias or file; its indices are white-balanced under D65."""
-    material = load_material(name_or_path)
+def from_material(name_or_path: str, **accept: bool) -> Subject:
+    """A measured material by name, alias or file; its indices are white-balanced under D65.
+
+    Parameters, errors: as `spectra.load_material`.
+    """
+    material = load_material(name_or_path, **accept)
     return Subject(material.name, material.name, *material.rgb_indices(), material)
 
 

@@ -7,16 +7,16 @@ sampling of visible normals (Heitz and d'Eon 2014), in the same order of operati
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import partial
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
 from .._check import choose, input_error
-from ..basis import Basis, load_basis
-from .fresnel_terms import F82, Decomposition, Exact, Material, Schlick, parameter_names
-from .tabulation import direct, tabulate
+from ..basis import load_basis
+from .fresnel_terms import F82, Decomposition, Exact, Material, Schlick, parameter_set
+from .tabulation import children, direct, tabulate
 
 __all__ = ["DecomposedConductor", "plugin_class"]
 
@@ -60,8 +60,9 @@ class DecomposedConductor:
     All but the exact term are linear in what is stored, and evaluated without clamping: a fit may
     leave [0, 1] by its error. Where eta and k (or r and g) are given, reflectances and coefficients
     are computed when these are set or updated, one per texel and per nanometre, with gradients, and
-    *they* are interpolated. The exact term interpolates eta and k themselves. In polarised variants
-    the fitted terms depolarise, since they describe unpolarised reflectance only.
+    *they* are interpolated; `mi.traverse` shows them as `table_0`, ..., to be read only. The exact
+    term interpolates eta and k themselves. In polarised variants the fitted terms depolarise, since
+    they describe unpolarised reflectance only.
 
     Examples
     --------
@@ -81,11 +82,8 @@ class DecomposedConductor:
         types = mi.MicrofacetType
         self.distribution = types.GGX if distribution == "ggx" else types.Beckmann
         self.sample_visible = bool(props.get("sample_visible", True))
-        self.specular_reflectance = (
-            props.get_texture("specular_reflectance", 1.0)
-            if "specular_reflectance" in props
-            else None
-        )
+        factor = "specular_reflectance"
+        self.specular_reflectance = props.get_texture(factor) if factor in props else None
         self._set_roughness(props)
         self._set_material(props, fresnel)
 
@@ -110,25 +108,21 @@ class DecomposedConductor:
 
     def _set_material(self, props: Any, fresnel: str) -> None:
         recipe, terms = str(props.get("recipe", "talk")), int(props.get("terms", 4))
-
-        @lru_cache
-        def basis() -> Basis:
-            return load_basis(recipe, terms)
-
-        names = parameter_names(list(props.keys()), terms)
-        if fresnel == "exact" and names[0] not in ("material", "eta", "r"):
+        kind, names = parameter_set(list(props.keys()), terms)
+        if fresnel == "exact" and kind in ("nodes", "coefficients"):
             raise input_error(
                 f"fresnel='exact' with {', '.join(names)}",
                 "material, eta + k or r + g",
                 "Reflectances and coefficients do not determine an index of refraction.",
             )
-        if names == ("material",):
+        if kind == "material":
             self.parameters = _preset(props["material"])
         else:
             self.parameters = {name: _texture(props, name) for name in names}
-        self.fresnel, self.names, self.basis = fresnel, names, basis
+        self.fresnel, self.kind = fresnel, kind
+        self.basis = partial(load_basis, recipe, terms)
         make: dict[str, Any] = {"exact": Exact, "schlick": Schlick, "f82": F82}
-        self.term = make[fresnel]() if fresnel in make else Decomposition(basis())
+        self.term = make[fresnel]() if fresnel in make else Decomposition(self.basis())
         self.tables: list[Any] = []
         self._project()
 
@@ -136,7 +130,7 @@ class DecomposedConductor:
         """Compute what the Fresnel term stores from the current parameters."""
 
         def project(*values: Any) -> Any:
-            results = self.term.project(Material(self.names, values, self.basis))
+            results = self.term.project(Material(self.kind, values, self.basis))
             if not all(dr.all(dr.isfinite(result)) for result in results):
                 raise input_error(
                     f"{' or '.join(self.parameters)} is out of range or not a number",
@@ -145,8 +139,8 @@ class DecomposedConductor:
                 )
             return results
 
-        stored_as_given = {"exact": ("m", "e"), "decomposition": ("c",)}.get(self.fresnel, ())
-        if self.names[0][0] in stored_as_given:
+        needed_as_given = {"exact": ("material", "indices"), "decomposition": ("coefficients",)}
+        if self.kind in needed_as_given.get(self.fresnel, ()):
             self.lookup = direct(tuple(self.parameters.values()))
         else:
             self.lookup = tabulate(self.parameters, project)
@@ -282,13 +276,7 @@ def plugin_class() -> type:
 
 def _preset(name: str) -> dict[str, Any]:
     """The textures that the built-in plugin makes of `material`: taken from one of its kind."""
-    found = {}
-
-    class Collect(mi.TraversalCallback):
-        def put(self, name: str, value: Any, *_: Any) -> None:
-            found[name] = value
-
-    mi.load_dict({"type": "roughconductor", "material": name}).traverse(Collect())
+    found = children(mi.load_dict({"type": "roughconductor", "material": name}))
     return {"eta": found["eta"], "k": found["k"]}
 
 

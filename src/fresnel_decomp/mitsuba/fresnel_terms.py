@@ -21,31 +21,42 @@ from ..parametrization import F82_COSINE, gulbrandsen_to_ior
 if TYPE_CHECKING:
     from ..basis import Basis
 
-__all__ = ["F82", "Decomposition", "Exact", "Material", "Schlick", "parameter_names"]
+__all__ = ["F82", "Decomposition", "Exact", "Material", "Schlick", "parameter_set"]
 
 
-def parameter_names(given: Sequence[str], terms: int) -> tuple[str, ...]:
-    """The one complete set of material parameters among the property names `given`.
+def parameter_set(given: Sequence[str], terms: int) -> tuple[str, tuple[str, ...]]:
+    """The one complete set of material parameters among property names.
+
+    Parameters
+    ----------
+    given : sequence of str
+        Names of the plugin's properties.
+    terms : int
+        Terms of the basis, which decide how many node colours or coefficients there are.
+
+    Returns
+    -------
+    (kind, names), where kind is "material", "indices", "gulbrandsen", "nodes" or "coefficients".
 
     Raises
     ------
     InputError
         If there is none, more than one, or an incomplete one.
     """
-    sets = (
-        ("material",),
-        ("eta", "k"),
-        ("r", "g"),
-        tuple(f"f{i}" for i in range(terms - 1)),
-        tuple(f"c{i}" for i in range(terms)),
-    )
-    found = [names for names in sets if any(name in given for name in names)]
-    if len(found) == 1 and all(name in given for name in found[0]):
-        return found[0]
-    present = [name for names in sets for name in names if name in given]
+    sets = {
+        "material": ("material",),
+        "indices": ("eta", "k"),
+        "gulbrandsen": ("r", "g"),
+        "nodes": tuple(f"f{i}" for i in range(terms - 1)),
+        "coefficients": tuple(f"c{i}" for i in range(terms)),
+    }
+    found = [kind for kind, names in sets.items() if any(name in given for name in names)]
+    if len(found) == 1 and all(name in given for name in sets[found[0]]):
+        return found[0], sets[found[0]]
+    present = [name for names in sets.values() for name in names if name in given]
     raise input_error(
         f"the conductor is given by {', '.join(present) or 'nothing'}",
-        "exactly one of " + " | ".join(" + ".join(names) for names in sets),
+        "exactly one of " + " | ".join(" + ".join(names) for names in sets.values()),
         "f0, f1, ... are reflectances at normal incidence and the nodes of the basis, "
         "c0, c1, ... its coefficients.",
     )
@@ -56,31 +67,29 @@ class Material:
 
     Parameters
     ----------
-    names : tuple of str
-        The set, as `parameter_names` returns it.
+    kind : str
+        As `parameter_set` returns it; "material" stands for eta and k.
     values : sequence of flat Dr.Jit arrays
-        One per name ("material" stands for eta and k).
+        One per parameter.
     basis : callable returning Basis
         Called only where the basis is needed.
     """
 
-    def __init__(
-        self, names: tuple[str, ...], values: Sequence[Any], basis: Callable[[], Basis]
-    ) -> None:
-        self.kind, self.values, self.basis = names[0][0], values, basis
+    def __init__(self, kind: str, values: Sequence[Any], basis: Callable[[], Basis]) -> None:
+        self.kind, self.values, self.basis = kind, values, basis
 
     def indices(self) -> Sequence[Any]:
-        return gulbrandsen_to_ior(*self.values) if self.kind == "r" else self.values
+        return gulbrandsen_to_ior(*self.values) if self.kind == "gulbrandsen" else self.values
 
     def coefficients(self) -> Sequence[Any]:
-        if self.kind == "c":
+        if self.kind == "coefficients":
             return self.values
-        if self.kind == "f":
+        if self.kind == "nodes":
             return self.basis().coefficients_from_reflectance(self.values[0], self.values[1:])
         return self.basis().coefficients(*self.indices())
 
     def reflectance(self, cos_theta: float) -> Any:
-        if self.kind in "cf":
+        if self.kind in ("coefficients", "nodes"):
             return self.basis().evaluate(self.coefficients(), cos_theta)
         return conductor(cos_theta, *self.indices())
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from .._check import InputError, input_error
 
-__all__ = ["Lookup", "direct", "tabulate"]
+__all__ = ["Lookup", "children", "direct", "tabulate"]
 
 _WAVELENGTHS = np.linspace(360.0, 830.0, 471)  # nm: Mitsuba's range, every nanometre
 
@@ -80,6 +80,18 @@ def tabulate(textures: dict[str, Any], function: Callable[..., Sequence[Any]]) -
     values = [_spectrum(v) for v in function(*(_evaluate(t) for t in textures.values()))]
     dr.make_opaque(values)
     return Lookup(lambda si, active: values, values)
+
+
+def children(node: Any) -> dict[str, Any]:
+    """What a node of Mitsuba's scene graph shows to `traverse`, objects included, by name."""
+    found = {}
+
+    class Collect(mi.TraversalCallback):
+        def put(self, name: str, value: Any, *_: Any) -> None:
+            found[name] = value
+
+    node.traverse(Collect())
+    return found
 
 
 def _channels() -> int:
@@ -235,7 +247,8 @@ def _disagree(bitmaps: dict[str, Any], why: str) -> InputError:
 def _checkerboard(board: Any, textures: dict[str, Any], function: Any) -> Lookup:
     def fields(texture: Any) -> tuple[Any, Any]:
         same = texture.class_name() == "Checkerboard" and not np.any(_to_uv(texture) != matrix)
-        return _children(texture) if same else (texture, texture)
+        inner = children(texture) if same else {}
+        return inner.get("color0", texture), inner.get("color1", texture)
 
     matrix = _to_uv(board)
     pairs = {name: fields(texture) for name, texture in textures.items()}
@@ -249,17 +262,6 @@ def _checkerboard(board: Any, textures: dict[str, Any], function: Any) -> Lookup
         return [dr.select(second, b, a) for a, b in zip(zero, one, strict=True)]
 
     return Lookup(evaluate, lookups[0].tables + lookups[1].tables)
-
-
-def _children(texture: Any) -> tuple[Any, Any]:
-    found = {}
-
-    class Collect(mi.TraversalCallback):
-        def put(self, name: str, value: Any, *_: Any) -> None:
-            found[name] = value
-
-    texture.traverse(Collect())
-    return found["color0"], found["color1"]
 
 
 def _to_uv(texture: Any) -> np.ndarray:

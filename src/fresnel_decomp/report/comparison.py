@@ -18,17 +18,26 @@ from typing import Any
 import numpy as np
 
 from .. import doctor
-from .._check import input_error
+from .._check import choose, input_error
 from .._files import writable_folder, write_json, write_text
 from .._version import __version__
 from ..basis import Basis, load_basis
 from ..colour import delta_e_2000
 from ..mitsuba.comparison import Timing, kernel_times, model_bsdfs, render_bsdfs
+from ..mitsuba.scenes import SCENES
 from ..subjects import Subject
 from .curves import curve_errors, draw_curves
 from .images import RenderRow, draw_renders
 
-__all__ = ["RENDER_MODELS", "TIMED_MODELS", "Settings", "markdown", "run", "summary_rows"]
+__all__ = [
+    "RENDER_MODELS",
+    "TIMED_MODELS",
+    "Settings",
+    "default_folder",
+    "markdown",
+    "run",
+    "summary_rows",
+]
 
 RENDER_MODELS = ("exact", "decomposition", "schlick")
 TIMED_MODELS = ("exact", "decomposition", "schlick", "f82")
@@ -85,6 +94,9 @@ class Settings:
         for name, value in (("size", self.size), ("spp", self.spp)):
             if value is not None and not 1 <= value <= 65536:
                 raise input_error(f"{name}={value}", "an integer in 1..65536", "Leave it out.")
+        if not 0 <= self.seed < 2**32:
+            raise input_error(f"seed={self.seed}", "an integer in 0..2^32 - 1", "Leave it out.")
+        choose("scene", self.scene, SCENES)
         doctor.require_variant(self.variant)
         if "mono" in self.variant:
             raise input_error(
