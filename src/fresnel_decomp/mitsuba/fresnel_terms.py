@@ -142,18 +142,5 @@ class Decomposition:
     def __init__(self, basis: Basis) -> None:
         self.basis = basis
 
-    def __call__(self, cos_theta: Any, c0: Any, *c: Any) -> Any:
-        form = self.basis.closed_form
-        scale = (1.0 - cos_theta) / _polynomial(form.denominator.tolist(), cos_theta)
-        value = c0
-        for weight, row in zip(c, form.numerators.tolist(), strict=True):
-            value = dr.fma(weight, scale * _polynomial(row, cos_theta), value)
-        return value
-
-
-def _polynomial(coefficients: list[float], x: Any) -> Any:
-    """Horner's rule with fused multiply-adds; `coefficients` ascending, at least two."""
-    value: Any = coefficients[-1]
-    for coefficient in coefficients[-2::-1]:
-        value = dr.fma(x, value, coefficient) if coefficient else x * value
-    return value
+    def __call__(self, cos_theta: Any, *coefficients: Any) -> Any:
+        return self.basis.closed_form.evaluate(coefficients, cos_theta)
