@@ -8,6 +8,7 @@ their own. Times are taken by `kernel_times`.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import math
 import os
@@ -24,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._check import choose, input_error
 from .._files import writable_folder
 from .._version import __version__
+from ..basis import load_basis
 from ..images import read_exr, read_exr_attributes, write_exr
 from .scenes import load_scene
 
@@ -237,12 +239,25 @@ def render_scene(
     total = np.zeros((), dtype=np.float64)
     done = 0
     for samples, own_seed in zip(passes, seeds, strict=True):
-        total = total + samples * np.array(mi.render(scene, spp=samples, seed=own_seed), np.float64)
+        with _interruptible():
+            image = mi.render(scene, spp=samples, seed=own_seed)
+        total = total + samples * np.array(image, np.float64)
         done += samples
         if progress is not None:
             progress(done / spp)
-    image: NDArray[np.float32] = (total / spp).astype(np.float32)
-    return image if image.shape[2] == 3 else np.repeat(image[..., :1], 3, axis=2)
+    mean: NDArray[np.float32] = (total / spp).astype(np.float32)
+    return mean if mean.shape[2] == 3 else np.repeat(mean[..., :1], 3, axis=2)
+
+
+@contextlib.contextmanager
+def _interruptible() -> Iterator[None]:
+    """Ctrl-C inside a Python plugin reaches us as a RuntimeError of Mitsuba's: undo that."""
+    try:
+        yield
+    except RuntimeError as error:
+        if isinstance(error.__cause__, KeyboardInterrupt):
+            raise KeyboardInterrupt from error
+        raise
 
 
 def render_bsdfs(
@@ -296,6 +311,7 @@ def render_bsdfs(
         for name, bsdf in bsdfs.items():
             settings = {
                 "bsdf": bsdf,
+                "basis": _basis_hash(bsdf),
                 "scene": scene,
                 "size": size,
                 "spp": spp,
@@ -321,6 +337,14 @@ def render_bsdfs(
                 progress(name, 1.0)
             images[name] = image
     return images
+
+
+def _basis_hash(bsdf: Mapping[str, Any]) -> str | None:
+    """What a fitted BSDF's picture depends on besides its own dictionary."""
+    if "recipe" not in bsdf:
+        return None
+    basis = load_basis(bsdf["recipe"], bsdf["terms"])
+    return hashlib.sha256(json.dumps(basis.to_json()).encode()).hexdigest()
 
 
 def _finished(path: Path, settings: str) -> NDArray[np.float32] | None:

@@ -267,7 +267,7 @@ def studio(
         paths go on, whereas here same-seed images differ by the Fresnel term alone.
     rfilter : str
         Reconstruction filter. With 'box' each sample belongs to one pixel and images are
-        reproducible to the bit; others sum in an order that the threads decide.
+        reproducible to the last bits; others sum neighbours in an order that the threads decide.
 
     Returns
     -------

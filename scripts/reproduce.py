@@ -1,0 +1,111 @@
+"""Compute and draw the figures that are not finished yet.
+
+    python scripts/reproduce.py
+    python scripts/reproduce.py --only fig01a fig02
+    python scripts/reproduce.py --quick --out /tmp/figures
+
+Interrupt it when you like: finished images are kept, and the same command goes on from them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+import fig01a_basis
+import fig01b_beryllium
+import fig01c_roughness
+import fig02_edge_tint
+import fig03_shader_balls
+from _figure import (
+    DATA,
+    PICTURES,
+    QUICK_DATA,
+    Figure,
+    compute,
+    draw,
+    is_drawn,
+    main,
+    say_if_reduced,
+    shown,
+)
+from fresnel_decomp._check import choose
+from fresnel_decomp._files import writable_folder
+
+FIGURES = {
+    module.FIGURE.name: module.FIGURE
+    for module in (
+        fig01a_basis,
+        fig01b_beryllium,
+        fig01c_roughness,
+        fig02_edge_tint,
+        fig03_shader_balls,
+    )
+}
+
+
+def select(names: Sequence[str]) -> list[Figure]:
+    """Figures whose names start with one of these, in order; all of them if none is given.
+
+    Raises
+    ------
+    InputError
+        For a name that no figure starts with.
+    """
+    chosen = set()
+    for name in names:
+        matches = [full for full in FIGURES if name and full.startswith(name)]
+        if not matches:
+            choose("figure", name, FIGURES if "_" in name else [f.split("_")[0] for f in FIGURES])
+        chosen.update(matches)
+    return [figure for name, figure in FIGURES.items() if not names or name in chosen]
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--list", "listing", is_flag=True, help="List the figures and stop.")
+@click.option("--only", multiple=True, metavar="NAME...", help="Figures whose names start so.")
+@click.argument("more", nargs=-1, metavar="")
+@click.option("--quick", is_flag=True, help="Tiny images, to see that everything runs.")
+@click.option("--force", is_flag=True, help="Compute again what is finished.")
+@click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Folder for data and pictures.  [default: out/figures and docs/figures; "
+    "with --quick out/figures-quick]",
+)
+def reproduce(
+    listing: bool,
+    only: tuple[str, ...],
+    more: tuple[str, ...],
+    quick: bool,
+    force: bool,
+    variant: str | None,
+    out: Path | None,
+) -> None:
+    """Compute and draw the figures that are not finished yet."""
+    figures = select([*only, *more])
+    if listing:
+        for figure in figures:
+            click.echo(f"{figure.name:<20}{figure.minutes:4.1f} min  {figure.title}")
+        return
+    data = out or (QUICK_DATA if quick else DATA)
+    pictures = data if out or quick else PICTURES
+    for folder in (data, pictures):
+        writable_folder(folder)
+    if any(figure.scene for figure in figures):
+        say_if_reduced(variant)
+    for figure in figures:
+        folder = data / figure.name
+        seconds = compute(figure, folder, quick=quick, force=force, variant=variant)
+        news = "was finished" if seconds is None else f"computed in {seconds:.1f} s"
+        if seconds is not None or not is_drawn(figure, folder, pictures):
+            drawn = draw(figure, folder, pictures)
+            news += f", drew {', '.join(map(shown, drawn))}"
+        click.echo(f"{figure.name:<20}{news}")
+
+
+if __name__ == "__main__":
+    main(reproduce)

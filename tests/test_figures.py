@@ -1,0 +1,208 @@
+"""The scripts that make the figures: computing, skipping, resuming, drawing, exit codes."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
+MODULES = (
+    "_figure", "_page", "_renders", "fig01a_basis", "fig01b_beryllium", "fig01c_roughness",
+    "fig02_edge_tint", "fig03_shader_balls", "reproduce",
+)  # fmt: skip
+RENDERED = ("fig01b_beryllium", "fig01c_roughness", "fig02_edge_tint", "fig03_shader_balls")
+
+
+@pytest.fixture
+def scripts(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """Import the scripts; `scripts.NAME` is a module of that name."""
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+
+    class Scripts:
+        def __getattr__(self, name: str) -> Any:
+            return importlib.import_module(name)
+
+    yield Scripts()
+    for name in MODULES:
+        sys.modules.pop(name, None)
+
+
+@pytest.fixture
+def reproduce(scripts: Any) -> Any:
+    """Run `reproduce.py` with arguments and return its exit code."""
+
+    def run(*arguments: str | Path) -> int:
+        with pytest.raises(SystemExit) as end:
+            scripts._figure.main(scripts.reproduce.reproduce, [str(a) for a in arguments])
+        return int(end.value.code)
+
+    return run
+
+
+def files(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+
+
+def sidecar(folder: Path, name: str) -> dict[str, Any]:
+    return json.loads((folder / name / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def test_list_names_every_script(reproduce: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    assert reproduce("--list") == 0
+    listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    assert listed == sorted(path.stem for path in SCRIPTS.glob("fig*.py"))
+
+
+def test_only_takes_names_and_their_beginnings(
+    reproduce: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert reproduce("--list", "--only", "fig01a", "fig02_edge_tint") == 0
+    listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    assert listed == ["fig01a_basis", "fig02_edge_tint"]
+
+
+@pytest.mark.parametrize("name", ["fig20", "fig02_edge_tnt", ""])
+def test_unknown_figure(
+    name: str, reproduce: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert reproduce("--only", name, "--out", tmp_path / "new") == 2
+    error = capsys.readouterr().err
+    assert "is unknown; accepted:" in error
+    assert "fig02" in error
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("variant", ["scalar_rbg", "scalar_spectral"])
+def test_unsuitable_variant(
+    variant: str, reproduce: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ("--only", "fig02", "--variant", variant, "--out", tmp_path)
+    assert reproduce(*arguments) == 2
+    assert "accepted:" in capsys.readouterr().err
+    assert not files(tmp_path)
+
+
+def test_folder_that_cannot_be_written(
+    reproduce: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+    assert reproduce("--only", "fig01a", "--out", tmp_path / "file") == 2
+    assert "cannot write to folder" in capsys.readouterr().err
+
+
+def test_basis_from_extraction_to_picture(reproduce: Any, scripts: Any, tmp_path: Path) -> None:
+    assert reproduce("--quick", "--only", "fig01a", "--out", tmp_path) == 0
+    assert files(tmp_path) == {
+        "fig01a_basis.png",
+        "fig01a_basis/fig01a_basis.json",
+        "fig01a_basis/notebook.csv",
+        "fig01a_basis/talk.csv",
+    }
+    assert (tmp_path / "fig01a_basis.png").read_bytes().startswith(b"\x89PNG")
+    record = sidecar(tmp_path, "fig01a_basis")
+    assert record["results"]["talk"]["nodes_rad"] == [1.45, 1.31]
+    for recipe in ("talk", "notebook"):
+        assert record["results"][recipe]["largest_difference_from_shipped"] < 1e-9
+    assert {"mitsuba", "numpy", "python"} <= set(record["versions"])
+    assert record["runtime_s"] > 0
+
+    table = scripts._figure.read_table(tmp_path / "fig01a_basis" / "talk.csv")
+    np.testing.assert_allclose(table["b0"], 1.0)
+    np.testing.assert_allclose(table["b1"][[0, -1]], [0.0, 1.0], atol=1e-8)
+
+
+def test_finished_figures_are_left_alone(
+    reproduce: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ("--quick", "--only", "fig02", "--variant", "scalar_rgb", "--out", tmp_path)
+
+    def stamps() -> dict[str, int]:
+        return {name: (tmp_path / name).stat().st_mtime_ns for name in files(tmp_path)}
+
+    assert reproduce(*arguments) == 0
+    first = stamps()
+    capsys.readouterr()
+    assert reproduce(*arguments) == 0
+    assert stamps() == first
+    assert "was finished" in capsys.readouterr().out
+
+    (tmp_path / "fig02_edge_tint.png").unlink()
+    assert reproduce(*arguments) == 0  # draws, computes nothing
+    assert set(stamps()) == set(first)
+    table = "fig02_edge_tint/curves.csv"
+    assert stamps()[table] == first[table]
+
+    (tmp_path / table).unlink()
+    assert reproduce(*arguments) == 0
+    second = stamps()
+    assert set(second) == set(first)
+    assert reproduce(*arguments, "--force") == 0
+    assert all(time > second[name] for name, time in stamps().items())
+
+
+def test_drawing_needs_finished_data(
+    scripts: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    commands = scripts._figure.commands(scripts.fig02_edge_tint.FIGURE)
+    with pytest.raises(SystemExit) as end:
+        scripts._figure.main(commands, ["draw", "--data", str(tmp_path)])
+    assert end.value.code == 2
+    assert "compute" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_interrupted_figure_goes_on(
+    wrapped: bool, reproduce: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    from fresnel_decomp.mitsuba import comparison
+
+    arguments = ("--quick", "--only", "fig02", "--variant", "scalar_rgb", "--out", tmp_path)
+    folder = tmp_path / "fig02_edge_tint"
+    render_scene = comparison.render_scene
+    rendered: list[int] = []
+
+    def render_until_interrupted(*parameters: Any) -> Any:
+        if len(rendered) == 1:
+            if wrapped:  # what Dr.Jit makes of it during a render
+                raise RuntimeError("error in drjit.custom") from KeyboardInterrupt()
+            raise KeyboardInterrupt
+        rendered.append(1)
+        return render_scene(*parameters)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(comparison, "render_scene", render_until_interrupted)
+        assert reproduce(*arguments) == 130
+    assert "goes on" in capsys.readouterr().err
+    assert files(folder) == {"curves.csv", "edge_exact.exr"}  # whole files, no sidecar
+    stamp = (folder / "edge_exact.exr").stat().st_mtime_ns
+
+    assert reproduce(*arguments) == 0
+    assert (folder / "edge_exact.exr").stat().st_mtime_ns == stamp
+    record = sidecar(tmp_path, "fig02_edge_tint")
+    assert record["images_of_an_earlier_run"] == ["edge_exact.exr"]
+    assert set(record["files"]) | {"fig02_edge_tint.json"} == files(folder)
+    assert record["settings"]["variant"] == "scalar_rgb"
+    assert (tmp_path / "fig02_edge_tint.png").is_file()
+
+    errors = record["results"]["renders"]["edge"]
+    assert errors["decomposition"]["delta_e"] < 0.2 * errors["schlick"]["delta_e"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RENDERED)
+def test_rendered_figures(
+    name: str, variant: str, reproduce: Any, scripts: Any, tmp_path: Path
+) -> None:
+    assert reproduce("--quick", "--only", name, "--variant", variant, "--out", tmp_path) == 0
+    for picture in getattr(scripts, name).FIGURE.pictures:
+        assert (tmp_path / picture).is_file()
+    for numbers in sidecar(tmp_path, name)["results"]["renders"].values():
+        assert numbers["decomposition"]["rmse"] < 0.2 * numbers["schlick"]["rmse"]
+        assert numbers["decomposition"]["delta_e"] < 0.5
