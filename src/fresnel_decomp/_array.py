@@ -16,7 +16,19 @@ import numpy as np
 
 from ._check import input_error
 
-__all__ = ["DrJitOps", "NumPyOps", "Ops", "drjit_module", "is_drjit", "ops_for", "polynomial"]
+__all__ = [
+    "DrJitOps",
+    "NumPyOps",
+    "Ops",
+    "drjit_module",
+    "floating_type",
+    "is_drjit",
+    "multiply_add",
+    "one_kind",
+    "ops_for",
+    "polynomial",
+    "real_arrays",
+]
 
 
 def drjit_module() -> ModuleType | None:
@@ -86,30 +98,79 @@ class DrJitOps(Ops):
 
 
 def ops_for(*values: Any) -> Ops:
-    """The operations that fit `values`: Dr.Jit if any of them is a Dr.Jit array, else NumPy.
+    """The operations that fit `values`: Dr.Jit if any of them is a Dr.Jit array, else NumPy."""
+    return DrJitOps() if is_drjit(*values) else NumPyOps()
+
+
+def one_kind(*values: Any) -> tuple[Any, ...]:
+    """`values` such that arithmetic on them gives Dr.Jit arrays if any of them is one.
+
+    NumPy scalars beside a Dr.Jit array become Python floats: as left operands they would turn it
+    into a NumPy array, without a word and without its gradient.
 
     Raises
     ------
     InputError
-        If Dr.Jit arrays are mixed with NumPy arrays of one or more dimensions.
+        If Dr.Jit arrays are mixed with NumPy arrays of one or more dimensions, or lists.
     """
-    if not is_drjit(*values):
-        return NumPyOps()
+    dr = drjit_module()
+    if dr is None or not is_drjit(*values):
+        return values
     for value in values:
-        if isinstance(value, np.ndarray) and value.ndim:
+        if not dr.is_array_v(value) and np.ndim(value):
             raise input_error(
                 "a NumPy array together with a Dr.Jit array",
                 "arrays of one kind, and Python floats",
-                f"Convert first, e.g. mi.Float(array); the array has shape {value.shape}.",
+                f"Convert first, e.g. mi.Float(array); the array has shape {np.shape(value)}.",
             )
-    return DrJitOps()
+    return tuple(value if dr.is_array_v(value) else float(value) for value in values)
+
+
+def real_arrays(**named: Any) -> list[np.ndarray]:
+    """The arguments as NumPy arrays.
+
+    Raises
+    ------
+    InputError
+        If they are not real numbers, or do not broadcast.
+    """
+    arrays = [np.asarray(value) for value in named.values()]
+    if any(array.dtype.kind not in "fiub" for array in arrays):
+        raise input_error(
+            f"{', '.join(named)} of types {', '.join(str(array.dtype) for array in arrays)}",
+            "real numbers",
+            "Pass eta and k as two real arrays.",
+        )
+    try:
+        np.broadcast_shapes(*(array.shape for array in arrays))
+    except ValueError:
+        raise input_error(
+            f"{', '.join(named)} of shapes {', '.join(str(array.shape) for array in arrays)}",
+            "shapes that broadcast",
+            "Add axes, e.g. eta[:, None], to evaluate every material at every angle.",
+        ) from None
+    return arrays
+
+
+def floating_type(*values: Any) -> np.dtype:
+    """The common type of the NumPy floats among `values`; float64 where there is none."""
+    typed = [value.dtype for value in values if isinstance(value, np.ndarray | np.generic)]
+    typed = [dtype for dtype in typed if dtype.kind == "f"]
+    return np.result_type(*typed) if typed else np.dtype(np.float64)
+
+
+def multiply_add(a: Any, b: Any, c: Any) -> Any:
+    """a b + c, fused for Dr.Jit arrays: one instruction instead of two."""
+    if is_drjit(a, b, c):
+        dr = drjit_module()
+        assert dr is not None
+        return dr.fma(a, b, c)
+    return a * b + c
 
 
 def polynomial(coefficients: Any, x: Any) -> Any:
     """Horner's rule; `coefficients` ascending, plain floats. Works on any kind of array."""
-    result = (
-        float(coefficients[-1]) + 0.0 * x if len(coefficients) == 1 else float(coefficients[-1])
-    )
+    result = 0.0 * x + float(coefficients[-1])
     for coefficient in coefficients[-2::-1]:
-        result = result * x + float(coefficient)
+        result = multiply_add(result, x, float(coefficient)) if coefficient else result * x
     return result

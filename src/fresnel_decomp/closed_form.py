@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ._array import is_drjit, polynomial
+from ._array import is_drjit, multiply_add, one_kind, polynomial
 from ._check import input_error
 
 __all__ = ["ClosedForm", "fit_closed_form"]
@@ -61,13 +61,16 @@ class ClosedForm:
         coefficients : (..., terms) array, or for Dr.Jit a sequence of `terms` arrays
         cos_theta : (...) float in [0, 1]
         """
-        if not is_drjit(cos_theta, *coefficients):
+        if is_drjit(cos_theta, *coefficients):
+            cos_theta, *coefficients = one_kind(cos_theta, *coefficients)
+        else:
             coefficients = np.moveaxis(np.asarray(coefficients), -1, 0)
-        total: Any = 0.0
-        for coefficient, row in zip(coefficients[1:], self.numerators, strict=True):
-            total = coefficient * polynomial(row, cos_theta) + total
         scale = (1.0 - cos_theta) / polynomial(self.denominator, cos_theta)
-        return total * scale + coefficients[0]
+        total = coefficients[0]
+        for coefficient, row in zip(coefficients[1:], self.numerators, strict=True):
+            # the basis first, which all channels of a colour share
+            total = multiply_add(coefficient, scale * polynomial(row, cos_theta), total)
+        return total
 
 
 def fit_closed_form(

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ._check import input_error
 from .fresnel import conductor, transmittance
 from .parametrization import gulbrandsen_to_ior
 
@@ -30,12 +31,35 @@ class CurveSet:
     Attributes
     ----------
     name : str
-    eta, k : (n,) float
+    eta, k : (n,) float64, eta > 0, k >= 0
+
+    Raises
+    ------
+    InputError
+        If eta and k are not two rows of that kind.
     """
 
     name: str
     eta: np.ndarray
     k: np.ndarray
+
+    def __post_init__(self) -> None:
+        eta, k = (np.asarray(value, np.float64) for value in (self.eta, self.k))
+        if eta.ndim != 1 or eta.shape != k.shape:
+            raise input_error(
+                f"eta and k of shapes {eta.shape} and {k.shape}",
+                "two arrays of the same shape (n,)",
+                "Flatten them after broadcasting: numpy.broadcast_arrays(eta, k).",
+            )
+        bad = np.flatnonzero(~(np.isfinite(eta) & (eta > 0.0) & np.isfinite(k) & (k >= 0.0)))
+        if bad.size:
+            raise input_error(
+                f"eta={eta[bad[0]]:g}, k={k[bad[0]]:g} at curve {bad[0]}",
+                "finite eta > 0 and k >= 0",
+                "Remove invalid indices.",
+            )
+        object.__setattr__(self, "eta", eta)
+        object.__setattr__(self, "k", k)
 
     def __len__(self) -> int:
         return len(self.eta)
@@ -52,7 +76,8 @@ class CurveSet:
         near to 1 the reflectance is.
         """
         cos_theta = np.asarray(cos_theta, np.float64)
-        return 1.0 - transmittance(cos_theta, self.eta[:, None], self.k[:, None]) / self.t0
+        with np.errstate(invalid="ignore"):  # a perfect mirror: 0 / 0
+            return 1.0 - transmittance(cos_theta, self.eta[:, None], self.k[:, None]) / self.t0
 
     @property
     def t0(self) -> np.ndarray:

@@ -32,6 +32,9 @@ SIGN_RULE = "each function is divided by its value of largest magnitude on the g
 
 Rule = Literal["deflation", "joint"]
 
+NEGLIGIBLE = 1e-10
+"""Magnitude of residuals that are taken for rounding errors."""
+
 
 @dataclass(frozen=True)
 class Recipe:
@@ -127,15 +130,18 @@ def extract(
     Raises
     ------
     InputError
-        For too few curves, terms outside 3..6, or nodes outside (0, pi/2).
+        For too few or too similar curves, terms outside 3..6, or nodes outside (0, pi/2) or
+        repeated.
     """
     choose("rule", rule, ("deflation", "joint"))
     if terms not in (3, 4, 5, 6):
         raise input_error(f"terms={terms}", "3, 4, 5 or 6", "Four terms fit one RGBA table.")
     nodes = [float(node) for node in nodes][: terms - 2]
-    if not all(0.0 < node < np.pi / 2 for node in nodes):
+    if not all(0.0 < node < np.pi / 2 for node in nodes) or len(set(nodes)) < len(nodes):
         raise input_error(
-            f"nodes {nodes}", "angles in (0, pi/2), in radians", "0 and pi/2 are always used."
+            f"nodes {nodes}",
+            "different angles in (0, pi/2), in radians",
+            "0 and pi/2 are always used.",
         )
     if len(training) < terms:
         raise input_error(
@@ -148,9 +154,9 @@ def extract(
     residual = training.rescaled(cos_theta)
     if not np.all(np.isfinite(residual)):
         raise input_error(
-            "a training curve that is not finite or has F0 = 1",
-            "eta > 0, k >= 0, F0 < 1",
-            "Remove perfect mirrors and invalid indices from the training set.",
+            "a training curve with F0 = 1",
+            "F0 < 1",
+            "Remove perfect mirrors from the training set.",
         )
     weights = _leading(residual[:, :grid], 1)
     residual = residual - weights[0] @ residual
@@ -183,12 +189,18 @@ def _leading(matrix: np.ndarray, count: int) -> np.ndarray:
     """
     from scipy.sparse.linalg import svds
 
-    left, _, right = svds(matrix, k=count, v0=np.ones(min(matrix.shape)), tol=0.0)
-    order = np.arange(count)[::-1]  # svds sorts ascending
-    left, right = left.T[order], right[order]
-    functions = left @ matrix
-    peaks = functions[np.arange(count), np.argmax(np.abs(functions), axis=1)]
-    return left / peaks[:, None]
+    if np.abs(matrix).max() > NEGLIGIBLE:
+        left, _, _ = svds(matrix, k=count, v0=np.ones(min(matrix.shape)), tol=0.0)
+        left = left.T[::-1]  # svds sorts ascending
+        functions = left @ matrix
+        peaks = functions[np.arange(count), np.argmax(np.abs(functions), axis=1)]
+        if np.abs(peaks).min() > NEGLIGIBLE:
+            return left / peaks[:, None]
+    raise input_error(
+        "a training set whose curves are combinations of fewer functions than terms",
+        "curves that differ from each other",
+        "Ask for fewer terms, or add different materials.",
+    )
 
 
 def _joint_nodes(

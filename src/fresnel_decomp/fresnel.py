@@ -17,8 +17,11 @@ computed and the other one as its complement.
 
 Every function takes Python floats, NumPy arrays or Dr.Jit arrays of any backend, broadcasts, and
 returns the same kind. Rule for bad input, here and in all of the package's formulas: a *scalar*
-outside its range raises `InputError`; in *arrays*, cos_theta is clamped to [0, 1], and a NaN, an
-infinity, eta <= 0 or k < 0 gives NaN at that entry.
+(NumPy's, and arrays without dimensions, included) outside its range raises `InputError`; in
+*arrays*, cos_theta is clamped to [0, 1], and a NaN, an infinity, eta <= 0 or k < 0 gives NaN at
+that entry. So may an index whose square leaves the working type: values hold for eta and k in
+[1e-150, 1e150] (and k = 0), derivatives in [1e-50, 1e50]; with `precision="native"` on float32 in
+[1e-18, 1e18] and [1e-6, 1e6]. "wide" on float32 has no such limits.
 """
 
 from __future__ import annotations
@@ -27,7 +30,16 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ._array import DrJitOps, NumPyOps, Ops, drjit_module, ops_for
+from ._array import (
+    DrJitOps,
+    NumPyOps,
+    Ops,
+    drjit_module,
+    floating_type,
+    one_kind,
+    ops_for,
+    real_arrays,
+)
 from ._check import choose, input_error
 
 __all__ = [
@@ -160,7 +172,7 @@ class _Shared(NamedTuple):
     D_s: Any
     D_q: Any
     N: Any
-    difference: Any  # |m² - 1|
+    R_s: Any
     matched: Any  # mask: m = 1
 
 
@@ -173,20 +185,21 @@ def _shared(ops: Ops, c: Any, eta: Any, k: Any, compensated: bool) -> _Shared:
     # t = 0 only where W = 0; there A = B = 0
     other = eta * k / ops.select(t > 0.0, t, 1.0)
     A, B = ops.select(X >= 0.0, t, other), ops.select(X >= 0.0, other, t)
-    # |m² - 1| by factors: (m - 1)(m + 1) does not cancel, and does not overflow before R_s does
-    difference = _norm(ops, eta - 1.0, k, compensated) * _norm(ops, eta + 1.0, k, compensated)
-    matched = difference == 0.0
+    matched = (eta == 1.0) & (k == 0.0)
     D_s = ops.select(matched, 1.0, W + c * c + 2.0 * A * c)
+    # |m² - 1|² as |m - 1|² |m + 1|²: no cancellation, and divided before it could underflow
+    less, more = eta - 1.0, eta + 1.0
+    R_s = (less * (less / D_s) + k * (k / D_s)) * ((more * more + k * k) / D_s)
     N = W * c * c + s2 * s2
     D_q = N + 2.0 * A * c * s2
-    return _Shared(ops, compensated, c, eta, k, s2, X, Y, W, A, B, D_s, D_q, N, difference, matched)
+    return _Shared(ops, compensated, c, eta, k, s2, X, Y, W, A, B, D_s, D_q, N, R_s, matched)
 
 
 def _reflectance(q: _Shared, derivatives: bool) -> list[tuple[Any, Any]]:
     """[(R, gradient), (T, gradient)], gradients wrt (c, eta, k) or None."""
-    ratio = q.difference / q.D_s
-    R = ratio * ratio * (q.N / q.D_q)
-    T = q.c / q.D_s * (2.0 * q.A) * ((q.D_q + q.W + q.s2) / q.D_q)
+    R = q.R_s * (q.N / q.D_q)
+    # c last: c / D_s may underflow where T does not
+    T = 2.0 * q.A / q.D_s * ((q.D_q + q.W + q.s2) / q.D_q) * q.c
     R, T = _complements(q, R, T)
     if not derivatives:
         return [(R, None), (T, None)]
@@ -205,13 +218,14 @@ def _reflectance(q: _Shared, derivatives: bool) -> list[tuple[Any, Any]]:
 
 def _components(q: _Shared, derivatives: bool) -> list[tuple[Any, Any]]:
     """R_s, T_s, R_p, T_p, each with its gradient wrt (c, eta, k) or None."""
-    ratio = q.difference / q.D_s
-    R_s = ratio * ratio
-    T_s = q.c / q.D_s * (4.0 * q.A)
-    real_V = _squares_minus_one(q.ops, (q.c, q.eta), q.c, (q.c, q.k), q.compensated)
-    ratio_p = _norm(q.ops, real_V, q.Y * q.c * q.c, q.compensated) / q.D_q
-    R_p = R_s * ratio_p * ratio_p
-    T_p = T_s * ((q.W + q.s2) / q.D_q)
+    R_s = q.R_s
+    T_s_over_c = 4.0 * q.A / q.D_s  # c last: c / D_s may underflow where T_s does not
+    T_s = T_s_over_c * q.c
+    # compensated even in float64: near Brewster's angle nothing else is left
+    real_V = _squares_minus_one(q.ops, (q.c, q.eta), q.c, (q.c, q.k), True)
+    imag_V = q.Y * q.c * q.c
+    R_p = R_s * ((real_V * real_V + imag_V * imag_V) / q.D_q / q.D_q)
+    T_p = T_s_over_c * ((q.W + q.s2) / q.D_q) * q.c
     values = (*_complements(q, R_s, T_s), *_complements(q, R_p, T_p))
     if not derivatives:
         return [(value, None) for value in values]
@@ -233,19 +247,36 @@ def _derivatives(q: _Shared) -> tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]
     c2, s4 = c * c, s2 * s2
     regular = (W > 0.0) & ~q.matched
     W_safe = ops.select(regular, W, 1.0)
-    M = eta * eta + k * k
-    M_less_one = _squares_minus_one(ops, eta, k, 0.0, q.compensated)
     E = (eta - k) * (eta + k)
-    ratio = q.difference / q.D_s
-    f = 4.0 * ratio * ratio * (q.A / W_safe)
+    f = 4.0 * q.R_s * (q.A / W_safe)
     G = W * W * c2 + 2.0 * s2 * c2 * q.X - s2 * (W + s4)
-    h = 4.0 * c / W_safe / q.D_s / q.D_s
-    p = q.A * eta * M_less_one - q.B * k * (M + 1.0)
-    r = q.B * eta * M_less_one + q.A * k * (M + 1.0)
-    u = (c2 * M * M - s2 * (1.0 + 2.0 * c2) * E + 2.0 * s4) / q.D_q / q.D_q
-    v = q.Y * s2 * (2.0 * c2 - 1.0) / q.D_q / q.D_q
-    of_s = (-f, h * p, h * r)
-    of_p = (f * (G / q.D_q / q.D_q), h * (p * u + r * v), h * (r * u - p * v))
+    # With a + ib = conj(m) (A + iB), d/deta + i d/dk is
+    #   h c (a + ib) (m² - 1)  for R_s,  and that times  (conj(m)² - 2s²) V / D_q²  for R_p.
+    # Every factor is free of cancellation; multiplied out, the product is not.
+    h = 4.0 / W_safe / q.D_s / q.D_s  # without c, or it may underflow
+    a, b = eta * q.A + k * q.B, eta * q.B - k * q.A
+    b = ops.select(a > b, 0.5 * q.Y * s2 / ops.select(a > b, a, 1.0), b)  # 2ab = Y s²
+    m2_less_one = _squares_minus_one(ops, eta, 0.0, k, q.compensated)
+    V = _squares_minus_one(ops, (c, eta), c, (c, k), q.compensated)
+    third = E - 2.0 * s2
+    # (m² - 1)(conj(m)² - 2s²) and (conj(m)² - 2s²) V; both have explicit imaginary parts
+    first, first_i = m2_less_one * third + q.Y * q.Y, q.Y * (2.0 * c2 - 1.0)
+    last, last_i = V * third + q.Y * q.Y * c2, -s2 * first_i
+    s_eta, s_k = a * m2_less_one - b * q.Y, a * q.Y + b * m2_less_one
+    p_eta = s_eta * last - s_k * last_i
+    # the order of multiplication matters for the small one: see normal incidence with |m| << 1,
+    # and grazing incidence with |m| >> 1
+    p_k = ops.select(
+        c2 > 0.5,
+        s_eta * last_i + s_k * last,
+        (a * first - b * first_i) * (q.Y * c2) + (a * first_i + b * first) * V,
+    )
+    of_s = (-f, h * s_eta * c, h * s_k * c)
+    of_p = (
+        f * (G / q.D_q / q.D_q),
+        h * (p_eta / q.D_q / q.D_q) * c,
+        h * (p_k / q.D_q / q.D_q) * c,
+    )
 
     def masked(gradient: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
         wrt_c, wrt_eta, wrt_k = (ops.select(regular, d, 0.0) for d in gradient)
@@ -275,7 +306,8 @@ def _squares_minus_one(ops: Ops, x: Any, y: Any, less: Any, compensated: bool) -
     if not compensated:
         x, y, less = (v[0] * v[1] if isinstance(v, tuple) else v for v in (x, y, less))
         low, g = ops.minimum(x, y), ops.maximum(x, y) - 1.0
-        return low * low - less * less + g * (2.0 + g)
+        # squares of float32 are exact, and in this order so are differences that cancel (Sterbenz)
+        return (low * low + 2.0 * g) + g * g - less * less
     (x, x_error), (y, y_error), (less, less_error) = (
         ops.two_product(*v) if isinstance(v, tuple) else (v, 0.0) for v in (x, y, less)
     )
@@ -315,31 +347,15 @@ def _differentiable(formula: Any, arguments: tuple[Any, Any, Any], precision: st
     choose("precision", precision, ("wide", "native"))
     ops = ops_for(*arguments)
     if isinstance(ops, DrJitOps):
-        return _on_drjit(ops, formula, arguments, precision)
+        return _on_drjit(ops, formula, one_kind(*arguments), precision)
     return _on_numpy(formula, arguments, precision)
 
 
 def _on_numpy(formula: Any, arguments: tuple[Any, Any, Any], precision: str) -> list[Any]:
     for name, value in zip(("cos_theta", "eta", "k"), arguments, strict=True):
         _check_scalar(name, value)
-    given = [np.asarray(value) for value in arguments]
-    if any(value.dtype.kind not in "fiub" for value in given):
-        kinds = ", ".join(str(value.dtype) for value in given)
-        raise input_error(
-            f"arrays of type {kinds}", "real numbers", "Pass eta and k as two real arrays."
-        )
-    try:
-        np.broadcast_shapes(*(value.shape for value in given))
-    except ValueError:
-        shapes = ", ".join(str(value.shape) for value in given)
-        raise input_error(
-            f"cos_theta, eta, k of shapes {shapes}",
-            "shapes that broadcast",
-            "Add axes, e.g. eta[:, None], to evaluate every material at every angle.",
-        ) from None
-    typed = [v.dtype for v in arguments if isinstance(v, np.ndarray | np.generic)]
-    typed = [dtype for dtype in typed if dtype.kind == "f"]
-    result = np.result_type(*typed) if typed else np.dtype(np.float64)
+    given = real_arrays(cos_theta=arguments[0], eta=arguments[1], k=arguments[2])
+    result = floating_type(*arguments)
     native_f32 = precision == "native" and result == np.float32
     work = np.dtype(np.float32 if native_f32 else np.float64)
     c, eta, k = (value.astype(work) for value in given)
@@ -347,7 +363,7 @@ def _on_numpy(formula: Any, arguments: tuple[Any, Any, Any], precision: str) -> 
     c = np.clip(c, 0.0, 1.0)
     eta, k = np.where(valid, eta, work.type(1.5)), np.where(valid, k, work.type(0))
     compensated = result.itemsize >= work.itemsize
-    with np.errstate(over="ignore", under="ignore"):
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         shared = _shared(NumPyOps(work), c, eta, k, compensated)
         values = [value for value, _ in formula(shared, False)]
     values = [np.where(valid, value, np.nan).astype(result) for value in values]
@@ -360,22 +376,25 @@ def _on_numpy(formula: Any, arguments: tuple[Any, Any, Any], precision: str) -> 
 def _check_scalar(name: str, value: Any) -> None:
     if np.ndim(value) != 0 or isinstance(value, bool) or not np.isreal(value):
         return
-    ranges = {"cos_theta": "a cosine in [0, 1]", "eta": "eta > 0", "k": "k >= 0"}
     number = float(value)
-    good = {"cos_theta": 0.0 <= number <= 1.0, "eta": number > 0.0, "k": number >= 0.0}
-    if not np.isfinite(number) or not good[name]:
-        raise input_error(
-            f"{name}={number:g}",
-            f"{ranges[name]}, finite",
-            "Absorbing media have k > 0 in the convention eta + i k."
-            if name == "k"
-            else "Check its sign, and that indices are relative to the incident medium.",
-        )
+    good, accepted, advice = {
+        "cos_theta": (
+            0.0 <= number <= 1.0,
+            "a cosine in [0, 1]",
+            "Clamp it, or pass an array, in which cosines are clamped.",
+        ),
+        "eta": (number > 0.0, "eta > 0", "Divide the index by that of the incident medium."),
+        "k": (
+            number >= 0.0,
+            "k >= 0",
+            "Absorbing media have k > 0 in the convention eta + i k.",
+        ),
+    }[name]
+    if not (np.isfinite(number) and good):
+        raise input_error(f"{name}={number:g}", f"{accepted}, finite", advice)
 
 
-def _on_drjit(
-    ops: DrJitOps, formula: Any, arguments: tuple[Any, Any, Any], precision: str
-) -> list[Any]:
+def _on_drjit(ops: DrJitOps, formula: Any, arguments: tuple[Any, ...], precision: str) -> list[Any]:
     dr = drjit_module()
     assert dr is not None
     for name, value in zip(("cos_theta", "eta", "k"), arguments, strict=True):

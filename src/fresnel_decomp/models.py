@@ -2,7 +2,8 @@
 
 Each model is a frozen dataclass of the parameters it is stored as, with `from_ior(eta, k)` to fit
 it to an index of refraction. Parameters and cosines broadcast; Python floats, NumPy arrays and
-Dr.Jit arrays are accepted except where a fit says otherwise. No model is clamped to [0, 1].
+Dr.Jit arrays are accepted except where a fit says otherwise, and the two kinds of array are not
+mixed. No model is clamped to [0, 1].
 """
 
 from __future__ import annotations
@@ -12,11 +13,17 @@ from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
-from ._array import drjit_module, is_drjit
+from ._array import drjit_module, is_drjit, one_kind, ops_for
 from ._check import choose, input_error
 from .basis import Basis, load_basis
 from .fresnel import conductor, refracted_cosine
-from .parametrization import F82_COSINE, f0_from_ior, f82_from_ior, gulbrandsen_to_ior
+from .parametrization import (
+    F82_COSINE,
+    f0_from_ior,
+    f82_from_ior,
+    gulbrandsen_to_ior,
+    ior_to_gulbrandsen,
+)
 
 __all__ = [
     "F82",
@@ -91,7 +98,19 @@ class Lazanyi:
 
     @classmethod
     def from_ior(cls, eta: Any, k: Any) -> Lazanyi:
-        """Fit place and height of the correction to the exact curve (not for Dr.Jit arrays)."""
+        """Fit place and height of the correction to the exact curve.
+
+        Raises
+        ------
+        InputError
+            For Dr.Jit arrays, and as `fresnel.conductor`.
+        """
+        if is_drjit(eta, k):
+            raise input_error(
+                "Lazanyi.from_ior with Dr.Jit arrays",
+                "NumPy arrays and Python floats",
+                "Fit in NumPy and convert the parameters.",
+            )
         eta, k = np.broadcast_arrays(np.asarray(eta, np.float64), np.asarray(k, np.float64))
         f0 = np.asarray(f0_from_ior(eta, k))
         cos_theta = np.linspace(0.0, 0.5, 1025)[1:-1]  # exponents above 1
@@ -103,19 +122,20 @@ class Lazanyi:
         exponent = 1.0 / peak - 1.0
         height = np.take_along_axis(excess, worst[..., None], axis=-1)[..., 0]
         a = height / (peak * (1.0 - peak) ** exponent)
-        return cls(f0[()], a[()], exponent[()])
+        return cls(*(value if value.ndim else float(value) for value in (f0, a, exponent)))
 
     def __call__(self, cos_theta: Any) -> Any:
         # cos = 1 makes the base 0, whose power has no gradient in Dr.Jit: the factor (1 - cos)
         # stays outside
+        cos_theta, f0, a, exponent = one_kind(cos_theta, self.f0, self.a, self.exponent)
         x = 1.0 - cos_theta
-        if is_drjit(cos_theta, self.exponent):
+        if is_drjit(cos_theta, exponent):
             dr = drjit_module()
             assert dr is not None
-            power = dr.power(dr.maximum(x, 1e-30), self.exponent - 1.0)
+            power = dr.power(dr.maximum(x, 1e-30), exponent - 1.0)
         else:
-            power = np.maximum(x, 0.0) ** (np.asarray(self.exponent) - 1.0)
-        return _schlick(self.f0, cos_theta) - self.a * cos_theta * x * power
+            power = np.maximum(x, 0.0) ** (exponent - 1.0)
+        return _schlick(f0, cos_theta) - a * cos_theta * x * power
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,9 +171,10 @@ class F82:
         return (_schlick(self.f0, F82_COSINE) - self.f82) * (1.0 / peak)
 
     def __call__(self, cos_theta: Any) -> Any:
+        cos_theta, f0, a = one_kind(cos_theta, self.f0, self.a)
         x = 1.0 - cos_theta
         x2 = x * x
-        return _schlick(self.f0, cos_theta) - self.a * cos_theta * (x2 * x2 * x2)
+        return _schlick(f0, cos_theta) - a * cos_theta * (x2 * x2 * x2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,11 +187,9 @@ class Gulbrandsen:
 
     @classmethod
     def from_ior(cls, eta: Any, k: Any) -> Gulbrandsen:
-        """Nearest (r, g) with g <= 1: exact where |eta + i k| >= 1 (not for Dr.Jit arrays)."""
-        from .parametrization import ior_to_gulbrandsen
-
+        """Nearest (r, g) with g <= 1: exact where |eta + i k| >= 1."""
         r, g = ior_to_gulbrandsen(eta, k)
-        return cls(r, np.minimum(g, 1.0))
+        return cls(r, min(g, 1.0) if isinstance(g, float) else ops_for(g).minimum(g, 1.0))
 
     def __call__(self, cos_theta: Any) -> Any:
         return conductor(cos_theta, *gulbrandsen_to_ior(self.r, self.g))
@@ -235,6 +254,12 @@ class Decomposition:
         return cls(coefficients, basis, _Substitute(basis, eta, k, poor))
 
     def __call__(self, cos_theta: Any) -> Any:
+        if self.substitute is not None and is_drjit(cos_theta):
+            raise input_error(
+                "Dr.Jit cosines for a decomposition with substituted curves",
+                "NumPy arrays and Python floats",
+                "Use Exact(eta, k) for such indices in Dr.Jit.",
+            )
         reflectance = self.basis.evaluate(self.coefficients, cos_theta)
         return reflectance if self.substitute is None else self.substitute(cos_theta, reflectance)
 
@@ -258,7 +283,7 @@ class _Substitute:
         result = np.where(lossless, reciprocal, reflectance)
         if np.any(absorbing):
             result = np.where(absorbing, conductor(cos_theta, self.eta, self.k), result)
-        return result
+        return result[()]
 
 
 MODELS = ("exact", "schlick", "lazanyi", "f82", "gulbrandsen", "decomposition")
@@ -287,6 +312,7 @@ def model_from_ior(name: str, eta: Any, k: Any, basis: Basis | None = None) -> M
 
 
 def _schlick(f0: Any, cos_theta: Any) -> Any:
+    f0, cos_theta = one_kind(f0, cos_theta)
     x = 1.0 - cos_theta
     x2 = x * x
     return f0 + (1.0 - f0) * (x2 * x2 * x)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ._array import NumPyOps, is_drjit, ops_for
+from ._array import NumPyOps, floating_type, is_drjit, one_kind, ops_for, real_arrays
 from ._check import input_error
 from .fresnel import conductor
 
@@ -62,7 +62,7 @@ def gulbrandsen_to_ior(r: Any, g: Any) -> tuple[Any, Any]:
     _check_scalar("r", r, below_one=True)
     _check_scalar("g", g)
     ops = ops_for(r, g)
-    r, g, plain = _prepared(ops, r, g)
+    r, g, plain = _prepared(ops, ("r", "g"), r, g)
     valid = (r >= 0.0) & (r < 1.0) & (g >= 0.0) & (g <= 1.0)
     r, g = ops.select(valid, r, 0.0), ops.select(valid, g, 0.0)
     rho = ops.sqrt(r)
@@ -96,7 +96,7 @@ def ior_to_gulbrandsen(eta: Any, k: Any) -> tuple[Any, Any]:
     """
     r = f0_from_ior(eta, k)  # checks the ranges
     ops = ops_for(eta, k)
-    eta, k, plain = _prepared(ops, eta, k)
+    eta, k, plain = _prepared(ops, ("eta", "k"), eta, k)
     M, Y = eta * eta + k * k, 2.0 * eta * k
     U = (eta - 1.0) * (eta + 1.0) - k * k
     S = ops.sqrt(U * U + Y * Y)
@@ -121,13 +121,17 @@ def _check_scalar(name: str, value: Any, below_one: bool = False) -> None:
         )
 
 
-def _prepared(ops: Any, a: Any, b: Any) -> tuple[Any, Any, bool]:
+def _prepared(ops: Any, names: tuple[str, str], a: Any, b: Any) -> tuple[Any, Any, bool]:
     """Arguments as arrays of one type; True if both were plain Python numbers."""
     if not isinstance(ops, NumPyOps):
+        a, b = one_kind(a, b)
         return a + 0.0 * b, b + 0.0 * a, False
-    plain = all(isinstance(value, int | float) for value in (a, b))
-    result = np.result_type(*(np.asarray(v) for v in (a, b)), np.float32 if not plain else float)
-    return np.asarray(a, result), np.asarray(b, result), plain
+    plain = not any(
+        np.ndim(value) or isinstance(value, np.generic | np.ndarray) for value in (a, b)
+    )
+    result = floating_type(a, b)
+    a, b = real_arrays(**dict(zip(names, (a, b), strict=True)))
+    return a.astype(result), b.astype(result), plain
 
 
 def _returned(value: Any, plain: bool) -> Any:

@@ -1,0 +1,263 @@
+"""How far every model is from the exact Fresnel equations, on four sets of curves.
+
+    python scripts/accuracy_table.py --out accuracy.json
+    python scripts/accuracy_table.py --variations
+
+Prints three Markdown tables: errors ("largest / RMSE"), where the largest errors are, and the nodes
+of the bases. The sets are those of `fresnel_decomp.curves`: a (dielectrics), cp (Gulbrandsen's
+parameters), d (every measured material that ships with Mitsuba), low (low-index conductors). The
+largest error is over all of `curves.error_cosines`, which is dense at grazing incidence; the RMSE
+is over 2,049 cosines, uniform on [0, 1], and all curves of the set. Fits that `Basis.coefficients`
+would refuse are kept, so that nothing is left out.
+
+With --variations the models are instead the two recipes of four terms with one choice changed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import functools
+import io
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import Progress
+
+from fresnel_decomp import (
+    F82,
+    RECIPES,
+    Basis,
+    CurveSet,
+    Lazanyi,
+    Schlick,
+    __version__,
+    curves,
+    extract_basis,
+    load_basis,
+)
+from fresnel_decomp._files import write_json, write_text
+
+SETS: dict[str, Callable[[], CurveSet]] = {
+    "a": curves.dielectrics,
+    "cp": curves.gulbrandsen_grid,
+    "d": curves.measured_metals,
+    "low": curves.low_index_corner,
+}
+TERMS = (3, 4, 5, 6)
+CHUNK = 128  # curves at a time: 4 MB for each array
+
+Array = NDArray[np.float64]
+Fit = Callable[[Array, Array], Array]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Absolute errors of one model on one set of curves."""
+
+    max: float
+    p99: float
+    """Over curves, of the largest error of each."""
+    mean: float
+    rmse: float
+    worst_eta: float
+    worst_k: float
+    worst_degrees: float
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS))
+    parser.add_argument("--variations", action="store_true", help="recipes with a choice changed")
+    parser.add_argument(
+        "--out", nargs="*", type=Path, default=[], help="also write .json and .csv files"
+    )
+    options = parser.parse_args(arguments)
+    for path in options.out:
+        if path.suffix not in (".json", ".csv"):
+            parser.error(f"--out {path}: accepted are files that end in .json or .csv")
+    chosen = {name: SETS[name]() for name in options.sets}
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("errors", total=sum(map(len, chosen.values())))
+        models = varied if options.variations else fits
+        results = {
+            name: measure(curve_set, lambda count: progress.advance(task, count), models=models)
+            for name, curve_set in chosen.items()
+        }
+    print(error_table(results))
+    if not options.variations:
+        print("", worst_table(results), "", basis_table(), sep="\n")
+    for path in options.out:
+        write(path, results, {name: len(curve_set) for name, curve_set in chosen.items()})
+
+
+def fits(cos_theta: Array) -> dict[str, Fit]:
+    """For each model, a function from (n,) indices to (n, m) reflectances at (m,) cosines."""
+    return {
+        "Schlick": lambda eta, k: Schlick.from_ior(eta[:, None], k[:, None])(cos_theta),
+        "Lazanyi": lambda eta, k: Lazanyi.from_ior(eta[:, None], k[:, None])(cos_theta),
+        "F82": lambda eta, k: F82.from_ior(eta[:, None], k[:, None])(cos_theta),
+        **{
+            f"{recipe}, {terms} terms": decomposition(load_basis(recipe, terms), cos_theta)
+            for recipe in ("notebook", "talk")
+            for terms in TERMS
+        },
+    }
+
+
+def decomposition(basis: Basis, cos_theta: Array) -> Fit:
+    """As in `fits`, for one basis."""
+    functions = basis(cos_theta).T
+    return lambda eta, k: basis.coefficients(eta, k, poor_fit="keep") @ functions
+
+
+@functools.cache
+def variations() -> dict[str, Basis]:
+    """The two recipes of four terms, and each with one of its choices changed."""
+    talk, notebook = load_basis("talk"), load_basis("notebook")
+    free = extract_basis(curves.talk_training_set())
+    whole = extract_basis(curves.notebook_training_set(), nodes=talk.nodes.tolist())
+    joint = extract_basis(curves.talk_training_set(), rule="joint", nodes=talk.nodes.tolist())
+    return {
+        "talk": talk,
+        f"its rule, nodes {free.nodes[0]:.4g} and {free.nodes[1]:.4g} where functions peak": free,
+        "its rule and nodes, row with r > 1 kept": whole,
+        "its curves and nodes, the notebook's rule": joint,
+        "notebook": notebook,
+        "its functions, nodes 1.45 and 1.31": replace(notebook, nodes=talk.nodes),
+    }
+
+
+def varied(cos_theta: Array) -> dict[str, Fit]:
+    """As `fits`, for `variations`."""
+    return {name: decomposition(basis, cos_theta) for name, basis in variations().items()}
+
+
+def measure(
+    curve_set: CurveSet,
+    advance: Callable[[int], object] = lambda count: None,
+    only: Iterable[str] | None = None,
+    models: Callable[[Array], dict[str, Fit]] = fits,
+) -> dict[str, Errors]:
+    """Errors of every model on a set of curves, a few curves at a time.
+
+    Parameters
+    ----------
+    curve_set : CurveSet
+    advance : callable
+        Told the number of curves that were finished.
+    only : names of `models`, default all of them
+    models : `fits` or `varied`
+    """
+    cos_theta, uniform = curves.error_cosines()
+    functions = models(cos_theta)
+    functions = {name: functions[name] for name in (only or functions)}
+    largest = {name: np.zeros(len(curve_set)) for name in functions}
+    place = {name: np.zeros(len(curve_set), int) for name in functions}
+    sums = {name: np.zeros(2) for name in functions}
+    for start in range(0, len(curve_set), CHUNK):
+        rows = slice(start, min(start + CHUNK, len(curve_set)))
+        eta, k = curve_set.eta[rows], curve_set.k[rows]
+        exact = CurveSet(curve_set.name, eta, k).reflectance(cos_theta)
+        for name, fit in functions.items():
+            error = fit(eta, k)
+            np.abs(np.subtract(error, exact, out=error), out=error)
+            place[name][rows] = at = error.argmax(axis=1)
+            largest[name][rows] = error[np.arange(len(at)), at]
+            first = error[:, : len(uniform)]
+            sums[name] += first.sum(), np.einsum("ij,ij->", first, first)
+        advance(len(eta))
+    results = {}
+    for name in functions:
+        mean, square = sums[name] / (len(curve_set) * len(uniform))
+        worst = int(largest[name].argmax())
+        results[name] = Errors(
+            max=float(largest[name][worst]),
+            p99=float(np.percentile(largest[name], 99)),
+            mean=float(mean),
+            rmse=float(np.sqrt(square)),
+            worst_eta=float(curve_set.eta[worst]),
+            worst_k=float(curve_set.k[worst]),
+            worst_degrees=float(np.degrees(np.arccos(cos_theta[place[name][worst]]))),
+        )
+    return results
+
+
+def error_table(results: dict[str, dict[str, Errors]]) -> str:
+    """Largest error and RMSE of each model on each set."""
+    return _models_by_sets(
+        results,
+        "largest error / RMSE",
+        lambda e: f"{e.max:.4f} / {e.rmse:.4f}",
+    )
+
+
+def worst_table(results: dict[str, dict[str, Errors]]) -> str:
+    """Where each model errs most on each set."""
+    return _models_by_sets(
+        results,
+        "largest error at",
+        lambda e: f"{e.worst_eta:.2f} + {e.worst_k:.2f}i, {e.worst_degrees:.1f}°",
+    )
+
+
+def basis_table() -> str:
+    """Nodes, conditioning and closed form of every basis that ships."""
+    rows = []
+    for recipe in RECIPES:
+        for terms in TERMS:
+            basis = load_basis(recipe, terms)
+            form = basis.closed_form
+            nodes = ", ".join(f"{node:.5g}" for node in basis.nodes)
+            degrees = f"{form.numerators.shape[1]} / {form.denominator.size - 1}"
+            rows.append(
+                [recipe, str(terms), nodes, f"{basis.condition:.2f}", degrees, f"{form.error:.1e}"]
+            )
+    head = ["recipe", "terms", "nodes (radians)", "condition", "degrees", "closed-form error"]
+    return markdown(head, rows)
+
+
+def _models_by_sets(
+    results: dict[str, dict[str, Errors]], title: str, cell: Callable[[Errors], str]
+) -> str:
+    models = next(iter(results.values()))
+    rows = [[name, *(cell(results[s][name]) for s in results)] for name in models]
+    return markdown([title, *results], rows)
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table with aligned columns."""
+    lines = [list(head), *map(list, rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(head))]
+    lines.insert(1, ["-" * width for width in widths])
+    return "\n".join(
+        "| " + " | ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) + " |"
+        for line in lines
+    )
+
+
+def write(path: Path, results: dict[str, dict[str, Errors]], counts: dict[str, int]) -> None:
+    """All numbers, as JSON with versions or as CSV with one row for each set and model."""
+    rows = [
+        {"set": name, "curves": counts[name], "model": model, **asdict(errors)}
+        for name, models in results.items()
+        for model, errors in models.items()
+    ]
+    if path.suffix == ".csv":
+        text = io.StringIO()
+        writer = csv.DictWriter(text, rows[0], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        write_text(path, text.getvalue())
+        return
+    versions = {"fresnel_decomp": __version__, "numpy": np.__version__}
+    hashes = {name: SETS[name]().sha256 for name in results}
+    write_json(path, {"versions": versions, "sets_sha256": hashes, "errors": rows})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,104 @@
+"""Examples in docstrings and pages run as shown; the documentation builds."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import pkgutil
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import fresnel_decomp
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+MODULES = sorted(
+    module.name
+    for module in pkgutil.walk_packages(fresnel_decomp.__path__, "fresnel_decomp.")
+    if module.name != "fresnel_decomp.__main__"
+)
+EXAMPLES = [page for page in PAGES if "```pycon" in page.read_text(encoding="utf-8")]
+
+
+@pytest.fixture(autouse=True)
+def _variant_as_before(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    """Examples may set a Mitsuba variant and write files."""
+    import mitsuba as mi
+
+    monkeypatch.chdir(tmp_path)
+    before = mi.variant()
+    yield
+    if before:
+        mi.set_variant(before)
+
+
+def failures(test: doctest.DocTest) -> str:
+    report: list[str] = []
+    doctest.DocTestRunner().run(test, out=report.append)
+    return "".join(report)
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_docstring_examples(name: str):
+    module = importlib.import_module(name)
+    tests = [test for test in doctest.DocTestFinder().find(module) if test.examples]
+    assert not "".join(failures(test) for test in tests)
+
+
+@pytest.mark.parametrize("page", EXAMPLES, ids=lambda page: page.stem)
+def test_page_examples(page: Path):
+    blocks = re.findall(r"```pycon\n(.*?)```", page.read_text(encoding="utf-8"), re.S)
+    test = doctest.DocTestParser().get_doctest("\n".join(blocks), {}, page.name, str(page), 0)
+    assert not failures(test)
+
+
+def test_there_are_examples():
+    names = {page.stem for page in EXAMPLES}
+    assert {"index", "decomposition", "recipes", "plugin"} <= names
+
+
+@pytest.mark.parametrize("name", fresnel_decomp.__all__)
+def test_public_names_are_listed(name: str):
+    if not name.startswith("__"):
+        listed = "".join(p.read_text(encoding="utf-8") for p in (ROOT / "docs/api").glob("*.md"))
+        assert re.search(rf"\b{name}$", listed, re.M), f"docs/api/index.md lacks {name}"
+
+
+def test_every_command_option_is_described():
+    from fresnel_decomp.cli import cli
+
+    text = (ROOT / "docs/command_line.md").read_text(encoding="utf-8")
+    for name, command in cli.commands.items():
+        assert f"## {name}\n" in text
+        for parameter in command.params:
+            for option in parameter.opts if parameter.param_type_name == "option" else ():
+                assert option in text or option == "--help", f"{name} {option}"
+
+
+def test_citation_has_this_version():
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {fresnel_decomp.__version__}\n" in text
+
+
+@pytest.mark.slow
+def test_documentation_builds(tmp_path: Path):
+    pytest.importorskip("myst_nb")
+    pytest.importorskip("furo")
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
+    build = subprocess.run(
+        [*command, "-d", str(tmp_path / "doctrees"), str(ROOT / "docs"), str(tmp_path / "html")],
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    assert build.returncode == 0, build.stderr
+    notebook = (tmp_path / "html" / "notebook.html").read_text(encoding="utf-8")
+    assert notebook.count("<img") >= 5
+    assert "Traceback" not in notebook
+    assert "<math" in (tmp_path / "html" / "decomposition.html").read_text(encoding="utf-8")
+    assert "cdn." not in notebook  # readable without a network

@@ -1,0 +1,120 @@
+"""What importing the package does, and which names it offers."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import subprocess
+import sys
+
+import pytest
+
+import fresnel_decomp
+
+HEAVY = ("mitsuba", "drjit", "colour", "matplotlib", "scipy", "OpenEXR", "flip_evaluator")
+NAMES = [
+    # what others build on
+    "conductor",
+    "dielectric",
+    "polarized",
+    "reflectance_components",
+    "transmittance",
+    "refracted_cosine",
+    "load_basis",
+    "extract_basis",
+    "Basis",
+    "load_material",
+    "list_materials",
+    "Material",
+    "gulbrandsen_to_ior",
+    "ior_to_gulbrandsen",
+    "f0_from_ior",
+    "f82_from_ior",
+    "Exact",
+    "Schlick",
+    "Lazanyi",
+    "F82",
+    "Gulbrandsen",
+    "Decomposition",
+    "InputError",
+    "RECIPES",
+    "doctor",
+]
+
+
+def run(code):
+    """What a fresh interpreter prints, as JSON."""
+    result = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    return json.loads(result.stdout)
+
+
+def test_import_is_light():
+    loaded = run("import sys, json, fresnel_decomp; print(json.dumps([*sys.modules]))")
+    assert not set(HEAVY) & set(loaded)
+    assert "numpy" not in loaded
+
+
+def test_import_takes_no_time():
+    """Processor time, so that other work on the machine does not count; best of three."""
+    code = (
+        "import time; start = time.process_time(); import fresnel_decomp; "
+        "print(time.process_time() - start)"
+    )
+    assert min(run(code) for _ in range(3)) < 0.05
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        "fresnel_decomp.conductor(0.5, 1.5, 0.0)",
+        "fresnel_decomp.load_basis().coefficients(1.5, 0.0)",
+        "fresnel_decomp.Lazanyi.from_ior(1.5, 0.1)(0.5)",
+        "fresnel_decomp.load_material('Au')",
+    ],
+)
+def test_plain_numbers_need_no_renderer(use):
+    loaded = run(f"import sys, json, fresnel_decomp; {use}; print(json.dumps([*sys.modules]))")
+    assert not set(HEAVY) & set(loaded)
+
+
+def test_no_variant_is_set():
+    """Neither by the package nor by its parts, with the renderer loaded."""
+    modules = ["", *(f".{name}" for name in sorted(fresnel_decomp._SUBMODULES))]
+    code = (
+        "import importlib, json, mitsuba as mi\n"
+        f"for name in {modules!r}: importlib.import_module('fresnel_decomp' + name)\n"
+        "import fresnel_decomp; [getattr(fresnel_decomp, n) for n in fresnel_decomp.__all__]\n"
+        "print(json.dumps(mi.variant()))"
+    )
+    assert run(code) is None
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_public_names(name):
+    assert getattr(fresnel_decomp, name) is not None
+    assert name in dir(fresnel_decomp)
+
+
+def test_all_names_lead_home():
+    for name, module in fresnel_decomp._HOME_OF.items():
+        home = importlib.import_module(f"fresnel_decomp.{module}")
+        assert name in home.__all__
+        assert getattr(fresnel_decomp, name) is getattr(home, name)
+    assert set(fresnel_decomp._HOME_OF) | {"__version__"} == set(fresnel_decomp.__all__)
+    assert len(set(fresnel_decomp.__all__)) == len(fresnel_decomp.__all__)
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        _ = fresnel_decomp.nothing
+
+
+def test_every_all_is_true():
+    for name in sorted(fresnel_decomp._SUBMODULES):
+        module = importlib.import_module(f"fresnel_decomp.{name}")
+        for public in module.__all__:
+            assert hasattr(module, public), f"{name}.{public}"
+
+
+def test_version():
+    assert all(part.isdigit() for part in fresnel_decomp.__version__.split(".")[:2])

@@ -1,0 +1,198 @@
+"""The tables of accuracy and speed: their numbers, their form, and what the pages quote."""
+
+from __future__ import annotations
+
+import csv
+import importlib
+import json
+import re
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from fresnel_decomp import CurveSet, Schlick, conductor, curves, doctor, load_basis
+
+ROOT = Path(__file__).parent.parent
+RECIPES_PAGE = ROOT / "docs" / "recipes.md"
+
+# largest error, RMSE: published with three digits, or found by an independent implementation
+KNOWN = {
+    ("a", "Schlick"): ("0.550", "0.046"),
+    ("a", "F82"): ("0.250", "0.018"),
+    ("a", "notebook, 4 terms"): ("0.1200", "0.0025"),
+    ("a", "talk, 4 terms"): ("0.0868", "0.0021"),
+    ("low", "notebook, 4 terms"): ("0.054", "0.0054"),
+    ("low", "talk, 4 terms"): ("0.099", "0.0095"),
+    ("cp", "Schlick"): ("0.315", "0.073"),
+    ("cp", "F82"): ("0.140", "0.025"),
+    ("cp", "notebook, 4 terms"): ("0.1001", "0.0033"),
+    ("cp", "talk, 4 terms"): ("0.0906", "0.0032"),
+    ("d", "Schlick"): ("0.338", "0.066"),
+    ("d", "F82"): ("0.110", "0.012"),
+    ("d", "notebook, 4 terms"): ("0.0375", "0.0025"),
+    ("d", "talk, 4 terms"): ("0.0281", "0.0019"),
+}
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch):
+    """Import a script by name."""
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+
+    def load(name: str) -> ModuleType:
+        return importlib.import_module(name)
+
+    return load
+
+
+def assert_known(name: str, results: dict) -> None:
+    """Compare with as many digits as `KNOWN` has."""
+    known = {model: numbers for (where, model), numbers in KNOWN.items() if where == name}
+    assert known
+    for model, numbers in known.items():
+        found = (results[model].max, results[model].rmse)
+        for text, value in zip(numbers, found, strict=True):
+            assert f"{value:.{len(text) - 2}f}" == text, model
+
+
+@pytest.mark.parametrize("name", ["a", "low"])
+def test_accuracy_of_small_sets(name: str, script):
+    table = script("accuracy_table")
+    assert_known(name, table.measure(table.SETS[name]()))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["cp", "d"])
+def test_accuracy_of_large_sets(name: str, script):
+    table = script("accuracy_table")
+    assert_known(name, table.measure(table.SETS[name]()))
+
+
+def test_errors_are_what_they_say(script):
+    curve_set = CurveSet("two", np.array([1.5, 0.2]), np.array([0.0, 3.0]))
+    found = script("accuracy_table").measure(curve_set, only=["Schlick"])["Schlick"]
+    everywhere, uniform = curves.error_cosines()
+
+    def error(cos_theta: np.ndarray) -> np.ndarray:
+        eta, k = curve_set.eta[:, None], curve_set.k[:, None]
+        return np.abs(Schlick.from_ior(eta, k)(cos_theta) - conductor(cos_theta, eta, k))
+
+    assert found.max == error(everywhere).max()
+    assert found.mean == pytest.approx(error(uniform).mean())
+    assert found.rmse == pytest.approx(np.sqrt((error(uniform) ** 2).mean()))
+    row, column = np.unravel_index(error(everywhere).argmax(), (2, len(everywhere)))
+    assert (found.worst_eta, found.worst_k) == (curve_set.eta[row], curve_set.k[row])
+    assert np.cos(np.radians(found.worst_degrees)) == pytest.approx(everywhere[column])
+
+
+def test_errors_agree_with_the_library(script):
+    curve_set = curves.low_index_corner()
+    found = script("accuracy_table").measure(curve_set, only=["talk, 5 terms"])["talk, 5 terms"]
+    error = load_basis("talk", 5).error(curve_set.eta, curve_set.k)
+    assert found.max == pytest.approx(error.max.max(), rel=1e-9)
+    assert found.mean == pytest.approx(error.mean.mean(), rel=1e-9)
+    assert found.rmse == pytest.approx(np.sqrt((error.rmse**2).mean()), rel=1e-9)
+
+
+def test_accuracy_files_and_print(script, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    paths = [str(tmp_path / name) for name in ("errors.json", "errors.csv")]
+    script("accuracy_table").main(["--sets", "low", "--out", *paths])
+    printed = capsys.readouterr().out
+    report = json.loads(Path(paths[0]).read_text(encoding="utf-8"))
+    with open(paths[1], encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(report["errors"]) == 11
+    for row, entry in zip(rows, report["errors"], strict=True):
+        assert float(row["max"]) == entry["max"]
+        assert f"{entry['max']:.4f} / {entry['rmse']:.4f}" in printed
+    assert printed.count("\n\n") == 2  # three tables
+
+
+def test_accuracy_refuses_other_files(script, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as exit_info:
+        script("accuracy_table").main(["--sets", "low", "--out", str(tmp_path / "errors.xlsx")])
+    assert exit_info.value.code == 2
+    assert ".json or .csv" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def table_rows(markdown: str) -> set[str]:
+    """Rows of all tables, without alignment."""
+    lines = [line for line in markdown.splitlines() if line.startswith("|")]
+    return {re.sub(r" +", " ", line) for line in lines if not line.startswith("| -")}
+
+
+def test_page_quotes_the_bases(script):
+    page = table_rows(RECIPES_PAGE.read_text(encoding="utf-8"))
+    assert table_rows(script("accuracy_table").basis_table()) <= page
+
+
+@pytest.mark.slow
+def test_page_quotes_the_accuracy(script, capsys: pytest.CaptureFixture[str]):
+    page = table_rows(RECIPES_PAGE.read_text(encoding="utf-8"))
+    for arguments in ([], ["--variations"]):
+        script("accuracy_table").main(arguments)
+        assert not table_rows(capsys.readouterr().out) - page
+
+
+@pytest.mark.slow  # 38 kernels to compile
+def test_speed_table(script, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    status = doctor.usable_variants()["llvm_ad_rgb"]
+    if not status.usable:
+        pytest.skip(f"{status.reason}. {status.remedy}")
+    import mitsuba as mi
+
+    before = mi.variant()
+    path = tmp_path / "speed.json"
+    quick = ["--rounds", "9", "--points", "10000", "--elements", "64", "--turns", "2"]
+    table = script("speed_table")
+    try:
+        table.main([*quick, "--out", str(path)])
+    finally:
+        if before:
+            mi.set_variant(before)
+    printed = capsys.readouterr().out
+    assert "curve evaluation" in printed
+    report = json.loads(path.read_text(encoding="utf-8"))
+    assert report["about"]["llvm"]
+    rows = {row["model"]: row for row in report["results"]}
+    assert all(cell["ratio"] == 1.0 for cell in rows[table.BASE]["times"].values())
+    assert all(cell["ratio"] > 0.0 for row in rows.values() for cell in row["times"].values())
+    assert rows["exact, wide"]["error"]["max"] < 1e-7
+    assert rows["talk, 4 terms"]["error"]["max"] == pytest.approx(0.0906, abs=2e-4)
+
+
+@pytest.mark.parametrize("wrong", [["--rounds", "3"], ["--variant", "scalar_rgb"]])
+def test_speed_table_refuses(wrong: list[str], script, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as exit_info:
+        script("speed_table").main(wrong)
+    assert exit_info.value.code == 2
+    assert "accepted" in capsys.readouterr().err
+
+
+def test_speed_table_checks_before_timing(script):
+    """A model that is not what it says is found out."""
+    status = doctor.usable_variants()["llvm_ad_rgb"]
+    if not status.usable:
+        pytest.skip(f"{status.reason}. {status.remedy}")
+    import mitsuba as mi
+
+    before = mi.variant()
+    mi.set_variant("llvm_ad_rgb")
+    table = script("speed_table")
+    try:
+        models = {model.name: model for model in table.candidates("talk")}
+        wrong = table.Candidate(
+            "wrong",
+            models["Schlick"].store,
+            lambda cos_theta, f0: f0 + (1.0 - f0) * (1.0 - cos_theta) ** 4,
+            1e-6,
+            Schlick.from_ior,
+        )
+        with pytest.raises(RuntimeError, match="wrong is off by"):
+            table.check([wrong], curves.dielectrics(), lambda count: None)
+    finally:
+        if before:
+            mi.set_variant(before)
