@@ -61,7 +61,7 @@ def test_round_trip(dtype):
     eta, k = gulbrandsen_to_ior(r, g)
     r2, g2 = ior_to_gulbrandsen(eta, k)
     assert {a.dtype.name for a in (eta, k, r2, g2)} == {dtype}
-    # r = |m - 1|² / |m + 1|²: a relative error of eta becomes one of r of up to 1 / sqrt(r) its size
+    # r = |m - 1|² / |m + 1|²: a relative error of eta becomes one of r up to 1 / sqrt(r) as large
     assert (np.abs(r2 - r) <= (4.0 * r + 2.0 * np.sqrt(r)) * EPS[dtype]).all()
     # a relative error of eta becomes one of g of q times its size, q = (1 + rho)² / (1 - r) < 70
     np.testing.assert_allclose(g2, g, rtol=0.0, atol=30.0 * EPS[dtype])
