@@ -75,7 +75,7 @@ def test_several_subjects_and_alphas(capsys, tmp_path):
     assert len(report["renders"]) == 6
     assert all(len(c) == 5 for m in report["materials"] for c in m["coefficients_rgb"])
     assert "notebook" in (tmp_path / "report.md").read_text()
-    assert len(text.splitlines()) == 1 + 1 + 6 * 2
+    assert len(text.splitlines()) == 2 + 1 + 6 * 2  # where, times; the table
 
 
 def test_spectrum_from_a_file(capsys, tmp_path):
@@ -99,7 +99,7 @@ def test_spectral_variant(capsys, tmp_path):
     [
         (["compare", "Bee"], "Did you mean 'Be'"),
         (["compare", "AlAs"], "broken"),
-        (["compare", "Se"], "partial"),
+        (["compare", "Se"], "--allow-partial"),
         (["compare"], "no material"),
         (["compare", "nowhere.csv"], "cannot read"),
         (["compare", "--eta", "-1", "--k", "2"], "eta=-1"),
@@ -137,6 +137,39 @@ def test_bad_input_exits_with_2_and_writes_nothing(
     assert expected in error
     assert "Traceback" not in error
     assert list(tmp_path.iterdir()) == []
+
+
+def test_two_materials_of_one_name_are_refused(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "Be.csv").write_text("wavelength_nm,n,k\n380,0.2,3\n780,0.3,4\n")
+    code, _, error = run(capsys, "compare", "Be", "Be.csv", "--out", "results", *QUICK)
+    assert code == 2
+    assert "two materials of one name" in error
+    assert not (tmp_path / "results").exists()
+    assert run(capsys, "compare", "Be", "beryllium", "--out", "results", *QUICK)[0] == 0
+
+
+def test_spectrum_that_cannot_be_fitted_is_refused_before_anything_is_written(
+    capsys, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "dip.csv").write_text(
+        "wavelength_nm,n,k\n360,0.7,0.001\n372,0.7,0.001\n380,1.3,2\n780,1.3,2\n"
+    )
+    code, _, error = run(
+        capsys, "compare", "dip.csv", "--variant", "scalar_spectral", "--out", "results"
+    )
+    assert code == 2
+    assert "total internal reflection" in error
+    assert not (tmp_path / "results").exists()
+
+
+def test_transparent_spectrum_in_a_spectral_variant(capsys, tmp_path):
+    code, *_ = run(
+        capsys, "compare", "CsI", "--variant", "scalar_spectral", "--size", "8", "--spp", "4",
+        "--out", str(tmp_path),
+    )  # fmt: skip
+    assert code == 0
 
 
 def test_unwritable_folder(capsys, tmp_path):

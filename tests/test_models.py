@@ -310,3 +310,10 @@ def test_colours(variant):
         F = model_from_ior(name, mi.Color3f(eta), mi.Color3f(k))(mi.Float(0.3))
         assert type(F) is mi.Color3f
         np.testing.assert_allclose(np.array(F).ravel(), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize(("eta", "k"), [(0.999, 0.0), (0.99, 0.0), (0.97, 0.005), (0.9, 0.001)])
+def test_substitutes_near_a_matched_index(eta, k):
+    model = Decomposition.from_ior(eta, k, poor_fit="substitute")
+    cos_theta = np.linspace(0.0, 1.0, 501)
+    assert np.abs(model(cos_theta) - conductor(cos_theta, eta, k)).max() < 0.12

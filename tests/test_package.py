@@ -84,7 +84,9 @@ def test_no_variant_is_set():
     """Neither by the package nor by its parts, with the renderer loaded."""
     modules = ["", *(f".{name}" for name in sorted(fresnel_decomp._SUBMODULES))]
     code = (
-        "import importlib, json, mitsuba as mi\n"
+        "import importlib, json, fresnel_decomp.doctor\n"
+        "fresnel_decomp.doctor.prepare()\n"
+        "import mitsuba as mi\n"
         f"for name in {modules!r}: importlib.import_module('fresnel_decomp' + name)\n"
         "import fresnel_decomp; [getattr(fresnel_decomp, n) for n in fresnel_decomp.__all__]\n"
         "print(json.dumps(mi.variant()))"

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -15,16 +17,16 @@ import numpy as np
 from ._array import drjit_module, is_drjit, one_kind, real_arrays
 from ._check import choose, input_error
 from ._version import __version__
-from .closed_form import ClosedForm, fit_closed_form
+from .closed_form import ClosedForm, check_terms, fit_closed_form, read_only
 from .curves import CurveSet, error_cosines
 from .extraction import RECIPES, SIGN_RULE, Extraction, Rule, extract
 from .fresnel import conductor
 
 __all__ = ["Basis", "FitError", "extract_basis", "load_basis"]
 
-POOR_FIT_RMSE = 0.1
-"""RMSE over the cosine above which a fit with eta < 1 is refused: what total internal reflection
-reaches, and twice the worst of any metal."""
+POOR_FIT_ERROR = {3: 0.22, 4: 0.12, 5: 0.12, 6: 0.12}
+"""Largest error, by number of terms, above which a fit with eta < 1 is refused: what total internal
+reflection exceeds and no metal reaches (.21 with three terms, .1 with more)."""
 
 NEARLY_MATCHED = 0.998
 """Above this eta nothing is refused: with c_1 = 1 - F0 every basis is as weak on the other side of
@@ -58,7 +60,7 @@ class Basis:
     series : (terms - 1, n) float
         Chebyshev coefficients of b_1, b_2, ... in 2 cos_theta - 1: the extracted functions to
         rounding, without the training curves.
-    provenance : dict
+    provenance : mapping
         Recipe, training set and its hash, rules, versions.
     shipped_form : ClosedForm or None
         The closed form that a loaded basis brings; see `closed_form`.
@@ -74,9 +76,17 @@ class Basis:
 
     recipe: str
     nodes: np.ndarray
-    series: np.ndarray
-    provenance: dict[str, Any] = field(repr=False)
+    series: np.ndarray = field(repr=False)
+    provenance: Mapping[str, Any] = field(repr=False)
     shipped_form: ClosedForm | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        # a loaded basis is shared by everyone who loads it
+        object.__setattr__(self, "nodes", read_only(self.nodes))
+        object.__setattr__(self, "series", read_only(self.series))
+        object.__setattr__(
+            self, "provenance", MappingProxyType(copy.deepcopy(dict(self.provenance)))
+        )
 
     @property
     def terms(self) -> int:
@@ -120,6 +130,7 @@ class Basis:
         coefficients : (..., terms) float, or for Dr.Jit a sequence of `terms` arrays
         cos_theta : (...) float in [0, 1], broadcasts against the coefficients' leading axes
         """
+        coefficients = check_terms(coefficients, cos_theta, self.terms)
         drjit_input = is_drjit(cos_theta, *coefficients)
         if drjit_input:
             cos_theta, *coefficients = one_kind(cos_theta, *coefficients)
@@ -169,8 +180,10 @@ class Basis:
             If the number of node reflectances is not terms - 2.
         """
         inverse, b1 = self._projection
-        if is_drjit(f0, *(f_nodes if isinstance(f_nodes, Sequence) else [f_nodes])):
+        if is_drjit(f0, *(f_nodes if isinstance(f_nodes, list | tuple) else [f_nodes])):
             self._check_node_count(len(f_nodes))
+            f0, *f_nodes = one_kind(f0, *f_nodes)
+            f0 = f0 + 0.0 * f_nodes[0]
             rest = [f - f0 - (1.0 - f0) * float(b) for f, b in zip(f_nodes, b1, strict=True)]
             interior = (
                 sum(
@@ -221,41 +234,44 @@ class Basis:
         """
         choose("poor_fit", poor_fit, ("raise", "keep"))
         drjit_input = is_drjit(eta, k)
-        if not drjit_input:
+        if drjit_input:
+            eta, k = one_kind(eta, k)
+            plain = _evaluated(eta, k)
+        else:
             eta, k = (value.astype(np.float64) for value in real_arrays(eta=eta, k=k))
-            bad = ~(np.isfinite(eta) & (eta > 0.0) & np.isfinite(k) & (k >= 0.0))
-            if np.any(bad):
-                at = tuple(np.argwhere(bad)[0].tolist())
-                pair = [float(np.broadcast_to(v, bad.shape)[at]) for v in (eta, k)]
-                raise input_error(
-                    f"eta={pair[0]:g}, k={pair[1]:g}" + (f" at index {at}" if at else ""),
-                    "finite eta > 0 and k >= 0",
-                    "Absorbing media have k > 0 in the convention eta + i k.",
-                )
-        if poor_fit == "raise":
-            self._refuse_poor_fits(eta, k)
+            plain = eta, k
+        if plain is not None:
+            _check_indices(*plain)
+            if poor_fit == "raise":
+                self._refuse_poor_fits(*plain)
         values = [conductor(float(np.cos(node)), eta, k) for node in (0.0, *self.nodes)]
         if drjit_input:
             return self.coefficients_from_reflectance(values[0], values[1:])
         return self.coefficients_from_reflectance(values[0], np.stack(values[1:], axis=-1))
 
-    def poor_fit(self, eta: Any, k: Any) -> np.ndarray:
-        """(...) bool: where the fit's RMSE over the cosine exceeds .1 (only for eta < .998)."""
+    def poor_fit(self, eta: Any, k: Any, below: float = NEARLY_MATCHED) -> np.ndarray:
+        """Where total internal reflection defeats the basis.
+
+        Parameters
+        ----------
+        eta, k : (...) float, eta > 0, k >= 0
+        below : float
+            Indices from this eta on count as fitted, see `NEARLY_MATCHED`.
+
+        Returns
+        -------
+        (...) bool: eta < below, and either k = 0 or a largest error above `POOR_FIT_ERROR`
+        """
         eta, k = np.broadcast_arrays(np.asarray(eta, np.float64), np.asarray(k, np.float64))
-        poor = np.zeros(eta.shape, bool)
-        low = eta < NEARLY_MATCHED
-        if np.any(low):
-            cos_theta = (np.arange(128) + 0.5) / 128.0
-            poor[low] = self._error(eta[low], k[low], cos_theta, cos_theta).rmse > POOR_FIT_RMSE
+        poor = np.asarray((eta < below) & (k == 0.0))
+        unsure = (eta < below) & (k > 0.0)
+        if np.any(unsure):
+            cos_theta = np.append((np.arange(128) + 0.5) / 128.0, np.geomspace(1e-4, 4e-3, 16))
+            error = self._error(eta[unsure], k[unsure], cos_theta, cos_theta).max
+            poor[unsure] = error > POOR_FIT_ERROR[self.terms]
         return poor
 
-    def _refuse_poor_fits(self, eta: Any, k: Any) -> None:
-        if is_drjit(eta, k):
-            dr = drjit_module()
-            assert dr is not None
-            if dr.flag(dr.JitFlag.SymbolicScope):
-                return
-            eta, k = (np.array(dr.detach(v), np.float64) for v in (eta + 0.0 * k, k + 0.0 * eta))
+    def _refuse_poor_fits(self, eta: np.ndarray, k: np.ndarray) -> None:
         poor = self.poor_fit(eta, k)
         if np.any(poor):
             at = tuple(np.argwhere(poor)[0].tolist())
@@ -263,7 +279,8 @@ class Basis:
             raise input_error(
                 f"eta={pair[0]:g}, k={pair[1]:g}: total internal reflection, which no linear basis "
                 f"follows (error {float(self.error(*pair).max):.2f})",
-                f"indices fitted to an RMSE of {POOR_FIT_RMSE:g}",
+                f"eta >= {NEARLY_MATCHED:g}, or enough absorption for an error of at most "
+                f"{POOR_FIT_ERROR[self.terms]:g}",
                 "Use the exact equations (fresnel='exact'), or Decomposition.from_ior(..., "
                 "poor_fit='substitute').",
             )
@@ -344,7 +361,7 @@ class Basis:
                 "denominator": self.closed_form.denominator.tolist(),
                 "error": self.closed_form.error,
             },
-            "provenance": self.provenance,
+            "provenance": dict(self.provenance),
         }
 
     @staticmethod
@@ -357,6 +374,28 @@ class Basis:
             np.array(data["series"]),
             data["provenance"],
             ClosedForm(np.array(form["numerators"]), np.array(form["denominator"]), form["error"]),
+        )
+
+
+def _evaluated(eta: Any, k: Any) -> tuple[np.ndarray, np.ndarray] | None:
+    """The values of Dr.Jit arrays; None while Dr.Jit records, when there are none."""
+    dr = drjit_module()
+    assert dr is not None
+    if dr.flag(dr.JitFlag.SymbolicScope):
+        return None
+    values = (np.array(dr.detach(v), np.float64) for v in (eta + 0.0 * k, k + 0.0 * eta))
+    return tuple(values)  # type: ignore[return-value]
+
+
+def _check_indices(eta: np.ndarray, k: np.ndarray) -> None:
+    bad = ~(np.isfinite(eta) & (eta > 0.0) & np.isfinite(k) & (k >= 0.0))
+    if np.any(bad):
+        at = tuple(np.argwhere(bad)[0].tolist())
+        pair = [float(np.broadcast_to(v, bad.shape)[at]) for v in (eta, k)]
+        raise input_error(
+            f"eta={pair[0]:g}, k={pair[1]:g}" + (f" at index {at}" if at else ""),
+            "finite eta > 0 and k >= 0",
+            "Absorbing media have k > 0 in the convention eta + i k.",
         )
 
 
@@ -407,9 +446,9 @@ def extract_basis(
     training: CurveSet | str = "talk",
     terms: int = 4,
     *,
-    rule: Rule = "deflation",
-    nodes: Sequence[float] = (),
-    grid: int = 1000,
+    rule: Rule | None = None,
+    nodes: Sequence[float] | None = None,
+    grid: int | None = None,
 ) -> Basis:
     """Extract a basis from exact curves; under a second for 1,000 curves at 1,000 cosines.
 
@@ -419,7 +458,8 @@ def extract_basis(
         The name of a recipe, which fixes rule, nodes and grid; or a user's own set.
     terms : int in 3..6
     rule, nodes, grid
-        For a user's own set; see `extraction.extract`.
+        For a user's own set only; see `extraction.extract` (default "deflation", no given nodes,
+        1,000 cosines).
 
     Raises
     ------
@@ -437,8 +477,21 @@ def extract_basis(
     name = "custom"
     if isinstance(training, str):
         name = choose("recipe", training, RECIPES)
+        if (rule, nodes, grid) != (None, None, None):
+            raise input_error(
+                f"recipe '{name}' with a rule, nodes or a grid of your own",
+                "a recipe's name alone, or a CurveSet with these options",
+                f"Its curves are RECIPES['{name}'].training().",
+            )
         recipe = RECIPES[name]
         training, rule, nodes, grid = recipe.training(), recipe.rule, recipe.nodes, recipe.grid
+    elif not isinstance(training, CurveSet):
+        raise input_error(
+            f"a training set of type {type(training).__name__}",
+            "a recipe's name or a CurveSet",
+            "Make one of your indices: CurveSet('mine', eta, k).",
+        )
+    rule, nodes, grid = rule or "deflation", nodes or (), 1000 if grid is None else grid
     extraction = extract(training, terms, rule, nodes, grid)
     series = _chebyshev(extraction)
     provenance = {

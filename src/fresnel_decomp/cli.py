@@ -125,7 +125,8 @@ def compare(
     from . import doctor
 
     best = doctor.best_variant()
-    from .report.comparison import Settings, default_folder, run, summary_rows
+    from .report.comparison import Settings, default_folder, run
+    from .report.document import summary_rows, times_line
 
     accept = {"allow_partial": allow_partial, "allow_broken": allow_broken}
     subjects = _subjects(materials, eta, k, rg, accept)
@@ -139,11 +140,12 @@ def compare(
             report = run(settings, folder, ["fresnel-decomp", *sys.argv[1:]], progress)
     except KeyboardInterrupt:
         click.echo(
-            f"Interrupted. Finished images are in {folder}; the same command continues there.",
+            f"Interrupted. What was finished is in {folder}; the same command continues there.",
             err=True,
         )
         sys.exit(130)
     click.echo(f"Wrote curves.png, renders.png, report.md and report.json to {folder}")
+    click.echo(times_line(report))
     _print_table(summary_rows(report))
 
 
@@ -172,12 +174,12 @@ def _subjects(
     subjects = [from_material(material, **accept) for material in materials]
     subjects += [from_indices(*pair) for pair in zip(eta, k, strict=True)]
     subjects += [from_gulbrandsen(n[: len(n) // 2], n[len(n) // 2 :]) for n in rg]
-    unique = {subject.name: subject for subject in subjects}
-    if not unique:
+    if not subjects:
         raise input_error(
             "no material", "a MATERIAL, --eta with --k, or --rg", "For example: compare Be"
         )
-    return list(unique.values())
+    given = [(subject.name, subject.material and subject.material.source) for subject in subjects]
+    return [s for i, s in enumerate(subjects) if given[i] not in given[:i]]
 
 
 @cli.command()

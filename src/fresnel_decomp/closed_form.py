@@ -41,13 +41,22 @@ class ClosedForm:
     denominator: np.ndarray
     error: float
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "numerators", read_only(self.numerators))
+        object.__setattr__(self, "denominator", read_only(self.denominator))
+
     @property
     def terms(self) -> int:
         """Number of basis functions, b_0 = 1 included."""
         return len(self.numerators) + 1
 
     def __call__(self, cos_theta: Any) -> Any:
-        """(..., terms) values for NumPy input; a tuple of `terms` arrays for Dr.Jit input."""
+        """(..., terms) values for NumPy input; a tuple of `terms` arrays for Dr.Jit input.
+
+        As in a shader, cosines outside [0, 1] are not clamped.
+        """
+        if not is_drjit(cos_theta):
+            cos_theta = np.asarray(cos_theta)
         scale = (1.0 - cos_theta) / polynomial(self.denominator, cos_theta)
         functions = [scale * polynomial(row, cos_theta) for row in self.numerators]
         values = (1.0 + 0.0 * cos_theta, *functions)
@@ -59,18 +68,64 @@ class ClosedForm:
         Parameters
         ----------
         coefficients : (..., terms) array, or for Dr.Jit a sequence of `terms` arrays
-        cos_theta : (...) float in [0, 1]
+        cos_theta : (...) float in [0, 1], not clamped
+
+        Raises
+        ------
+        InputError
+            If there are not `terms` coefficients, or shapes do not broadcast.
         """
+        coefficients = check_terms(coefficients, cos_theta, self.terms)
         if is_drjit(cos_theta, *coefficients):
             cos_theta, *coefficients = one_kind(cos_theta, *coefficients)
         else:
-            coefficients = np.moveaxis(np.asarray(coefficients), -1, 0)
+            coefficients, cos_theta = np.moveaxis(coefficients, -1, 0), np.asarray(cos_theta)
         scale = (1.0 - cos_theta) / polynomial(self.denominator, cos_theta)
         total = coefficients[0]
         for coefficient, row in zip(coefficients[1:], self.numerators, strict=True):
             # the basis first, which all channels of a colour share
             total = multiply_add(coefficient, scale * polynomial(row, cos_theta), total)
         return total
+
+
+def read_only(array: Any) -> np.ndarray:
+    """A float64 copy that cannot be written to."""
+    copy = np.array(array, np.float64)
+    copy.flags.writeable = False
+    return copy
+
+
+def check_terms(coefficients: Any, cos_theta: Any, terms: int) -> Any:
+    """`coefficients` if they have `terms` entries and broadcast; NumPy input as an array."""
+    drjit_input = is_drjit(cos_theta, coefficients) or (
+        isinstance(coefficients, list | tuple) and is_drjit(*coefficients)
+    )
+    if drjit_input:
+        given: Any = len(coefficients) if hasattr(coefficients, "__len__") else "no sequence"
+        if given != "no sequence":
+            one_kind(cos_theta, *coefficients)
+        fits = given == terms
+    else:
+        coefficients = np.asarray(coefficients)
+        given = f"shape {coefficients.shape}"
+        fits = coefficients.shape[-1:] == (terms,)
+    if not fits:
+        raise input_error(
+            f"coefficients: {given}",
+            f"{terms} of them" if drjit_input else f"an array of shape (..., {terms})",
+            f"The basis has {terms} terms.",
+        )
+    if not drjit_input:
+        try:
+            np.broadcast_shapes(coefficients.shape[:-1], np.shape(cos_theta))
+        except ValueError:
+            raise input_error(
+                f"coefficients of shape {coefficients.shape}, cosines of shape "
+                f"{np.shape(cos_theta)}",
+                "leading axes that broadcast with the cosines",
+                "To evaluate every curve at every angle: coefficients[:, None].",
+            ) from None
+    return coefficients
 
 
 def fit_closed_form(
@@ -160,15 +215,17 @@ def _numerators(
     free *= (cos_theta * (1.0 - cos_theta) / denominator)[:, None]
     to_powers = np.polynomial.Polynomial([-1.0, 2.0])
     rows, errors = [], []
-    for j, (target, weight) in enumerate(zip(values.T, np.sqrt(weights).T, strict=True)):
+    for j, (target, weight) in enumerate(zip(values.T, weights.T, strict=True)):
         fixed = (1.0 - cos_theta) / denominator if j == 0 else 0.0
-        matrix = free * weight[:, None]
-        scale = np.abs(matrix).max(axis=0)
-        solution = np.linalg.lstsq(matrix / scale, (target - fixed) * weight, rcond=None)[0] / scale
+        # normal equations: small, and well conditioned in scaled Chebyshev polynomials
+        weighted = free.T * weight
+        gram = weighted @ free
+        scale = np.sqrt(np.diag(gram))
+        right = weighted @ (target - fixed) / scale
+        solution = np.linalg.solve(gram / np.outer(scale, scale), right) / scale
         in_powers = np.polynomial.Chebyshev(solution)(to_powers).coef
-        rows.append(
-            np.append(1.0 if j == 0 else 0.0, np.pad(in_powers, (0, n - 1 - len(in_powers))))
-        )
+        padded = np.pad(in_powers, (0, n - 1 - len(in_powers)))
+        rows.append(np.append(1.0 if j == 0 else 0.0, padded))
         errors.append(free @ solution + fixed - target)
     return np.array(rows), np.stack(errors, axis=1)
 

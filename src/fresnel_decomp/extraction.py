@@ -149,6 +149,10 @@ def extract(
             "at least as many curves as terms",
             "Add materials to the training set.",
         )
+    if grid < 4 * terms:
+        raise input_error(
+            f"grid={grid}", f"at least {4 * terms} cosines for {terms} terms", "1,000 are usual."
+        )
     # given nodes ride along as extra columns that the SVD does not see
     cos_theta = np.append(np.linspace(0.0, 1.0, grid), np.cos(nodes))
     residual = training.rescaled(cos_theta)

@@ -16,7 +16,7 @@ R and T are both sums and products of non-negative terms; whichever is small is 
 computed and the other one as its complement.
 
 Every function takes Python floats, NumPy arrays or Dr.Jit arrays of any backend, broadcasts, and
-returns the same kind. Rule for bad input, here and in all of the package's formulas: a *scalar*
+returns the same kind. Rule for bad input, here and in `parametrization`: a *scalar*
 (NumPy's, and arrays without dimensions, included) outside its range raises `InputError`; in
 *arrays*, cos_theta is clamped to [0, 1], and a NaN, an infinity, eta <= 0 or k < 0 gives NaN at
 that entry. So may an index whose square leaves the working type: values hold for eta and k in

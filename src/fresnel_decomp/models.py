@@ -15,6 +15,7 @@ import numpy as np
 
 from ._array import drjit_module, is_drjit, one_kind, ops_for
 from ._check import choose, input_error
+from ._schlick import bend_factor, bent_schlick, schlick
 from .basis import Basis, load_basis
 from .fresnel import conductor, refracted_cosine
 from .parametrization import (
@@ -80,7 +81,7 @@ class Schlick:
         return cls(f0_from_ior(eta, k))
 
     def __call__(self, cos_theta: Any) -> Any:
-        return _schlick(self.f0, cos_theta)
+        return schlick(self.f0, cos_theta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +115,7 @@ class Lazanyi:
         eta, k = np.broadcast_arrays(np.asarray(eta, np.float64), np.asarray(k, np.float64))
         f0 = np.asarray(f0_from_ior(eta, k))
         cos_theta = np.linspace(0.0, 0.5, 1025)[1:-1]  # exponents above 1
-        excess = _schlick(f0[..., None], cos_theta) - conductor(
+        excess = schlick(f0[..., None], cos_theta) - conductor(
             cos_theta, eta[..., None], k[..., None]
         )
         worst = np.argmax(np.abs(excess), axis=-1)
@@ -135,7 +136,8 @@ class Lazanyi:
             power = dr.power(dr.maximum(x, 1e-30), exponent - 1.0)
         else:
             power = np.maximum(x, 0.0) ** (exponent - 1.0)
-        return _schlick(f0, cos_theta) - a * cos_theta * x * power
+        reflectance = schlick(f0, cos_theta) - a * cos_theta * x * power
+        return _like_inputs(reflectance, cos_theta, f0, a, exponent)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,24 +159,20 @@ class F82:
 
     @classmethod
     def from_tint(cls, f0: Any, tint: Any) -> F82:
-        return cls(f0, tint * _schlick(f0, F82_COSINE))
+        return cls(f0, tint * schlick(f0, F82_COSINE))
 
     @property
     def tint(self) -> Any:
         """f82 as a factor on Schlick's reflectance at cos = 1/7."""
-        return self.f82 / _schlick(self.f0, F82_COSINE)
+        return self.f82 / schlick(self.f0, F82_COSINE)
 
     @property
     def a(self) -> Any:
         """Factor of the correction - a cos (1 - cos)^6."""
-        peak = F82_COSINE * (1.0 - F82_COSINE) ** 6
-        return (_schlick(self.f0, F82_COSINE) - self.f82) * (1.0 / peak)
+        return bend_factor(self.f0, self.f82)
 
     def __call__(self, cos_theta: Any) -> Any:
-        cos_theta, f0, a = one_kind(cos_theta, self.f0, self.a)
-        x = 1.0 - cos_theta
-        x2 = x * x
-        return _schlick(f0, cos_theta) - a * cos_theta * (x2 * x2 * x2)
+        return bent_schlick(self.f0, self.a, cos_theta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,8 +226,8 @@ class Decomposition:
         poor_fit : {"raise", "keep", "substitute"}
             About indices with total internal reflection, which no linear basis follows. With
             "substitute" (NumPy only) k = 0 uses reciprocity, R(eta, theta) = R(1/eta, theta_t) and
-            1 beyond the critical angle, with the decomposition of 1/eta; other poor fits use the
-            exact equations.
+            1 beyond the critical angle, with the decomposition of 1/eta. Other poor fits, and
+            eta > .95, whose reciprocal is near 1 and fits badly too, use the exact equations.
 
         Raises
         ------
@@ -247,7 +245,7 @@ class Decomposition:
                 "Use Exact(eta, k) for such indices in Dr.Jit.",
             )
         coefficients = basis.coefficients(eta, k, poor_fit="keep")
-        poor = basis.poor_fit(eta, k)
+        poor = basis.poor_fit(eta, k, below=1.0)
         if not np.any(poor):
             return cls(coefficients, basis)
         eta, k = np.broadcast_arrays(np.asarray(eta, np.float64), np.asarray(k, np.float64))
@@ -261,7 +259,9 @@ class Decomposition:
                 "Use Exact(eta, k) for such indices in Dr.Jit.",
             )
         reflectance = self.basis.evaluate(self.coefficients, cos_theta)
-        return reflectance if self.substitute is None else self.substitute(cos_theta, reflectance)
+        if self.substitute is not None:
+            reflectance = self.substitute(cos_theta, reflectance)
+        return _like_inputs(reflectance, cos_theta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,15 +274,15 @@ class _Substitute:
     poor: np.ndarray
 
     def __call__(self, cos_theta: Any, reflectance: np.ndarray) -> np.ndarray:
-        lossless = self.poor & (self.k == 0.0)
-        absorbing = self.poor & (self.k > 0.0)
+        lossless = self.poor & (self.k == 0.0) & (self.eta <= 0.95)
+        others = self.poor & ~lossless
         inside = refracted_cosine(cos_theta, self.eta)
         coefficients = self.basis.coefficients(1.0 / np.where(lossless, self.eta, 1.0), 0.0)
         reciprocal = self.basis.evaluate(coefficients, inside)
         reciprocal = np.where(inside > 0.0, reciprocal, 1.0)
         result = np.where(lossless, reciprocal, reflectance)
-        if np.any(absorbing):
-            result = np.where(absorbing, conductor(cos_theta, self.eta, self.k), result)
+        if np.any(others):
+            result = np.where(others, conductor(cos_theta, self.eta, self.k), result)
         return result[()]
 
 
@@ -311,8 +311,7 @@ def model_from_ior(name: str, eta: Any, k: Any, basis: Basis | None = None) -> M
     return others[name](eta, k)
 
 
-def _schlick(f0: Any, cos_theta: Any) -> Any:
-    f0, cos_theta = one_kind(f0, cos_theta)
-    x = 1.0 - cos_theta
-    x2 = x * x
-    return f0 + (1.0 - f0) * (x2 * x2 * x)
+def _like_inputs(result: Any, *inputs: Any) -> Any:
+    """A NumPy scalar as a Python float, if no input was of NumPy's."""
+    plain = not any(isinstance(value, np.generic | np.ndarray) for value in inputs)
+    return float(result) if plain and isinstance(result, np.generic) else result

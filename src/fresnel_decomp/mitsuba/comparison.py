@@ -2,7 +2,7 @@
 
 Sampling does not depend on the Fresnel term and Russian roulette is off in our scenes, so two
 same-seed images use the same paths and differ by the reflectance along them, without noise of
-their own. Times are taken by `kernel_times`.
+their own.
 """
 
 from __future__ import annotations
@@ -12,10 +12,7 @@ import hashlib
 import json
 import math
 import os
-import statistics
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +28,7 @@ from .scenes import load_scene
 
 __all__ = [
     "MODELS",
-    "Timing",
     "conductor_bsdf",
-    "kernel_times",
     "model_bsdfs",
     "render_bsdfs",
     "render_models",
@@ -95,6 +90,13 @@ def variant_scope(variant: str | None = None) -> Iterator[str]:
 
 def _index(name: str, value: ArrayLike, wavelength_nm: ArrayLike | None) -> float | dict[str, Any]:
     values = np.asarray(value, dtype=np.float64)
+    valid = np.isfinite(values) & (values > 0.0 if name == "eta" else values >= 0.0)
+    if not valid.all():
+        raise input_error(
+            f"{name} with the value {values[~valid].flat[0]:g}",
+            "finite eta > 0 and k >= 0",
+            "Absorbing media have k > 0 in the convention eta + i k.",
+        )
     if wavelength_nm is not None:
         wavelengths = np.asarray(wavelength_nm, dtype=np.float64)
         if values.ndim != 1 or values.shape != wavelengths.shape or len(values) < 2:
@@ -103,6 +105,8 @@ def _index(name: str, value: ArrayLike, wavelength_nm: ArrayLike | None) -> floa
                 "two (n,) arrays with n ≥ 2",
                 "Give one value per wavelength.",
             )
+        if not values.any():
+            return 0.0  # Mitsuba has no spectra that are 0 everywhere
         pairs = zip(wavelengths.tolist(), values.tolist(), strict=True)
         return {"type": "spectrum", "value": list(pairs)}
     if values.shape not in ((), (1,), (3,)):
@@ -162,6 +166,11 @@ def conductor_bsdf(
     -------
     dict
         For `mi.load_dict`, once the plugin is registered.
+
+    Raises
+    ------
+    InputError
+        For values that the plugin would refuse: its errors come out of Mitsuba as RuntimeErrors.
     """
     if not 0.0 < alpha <= 1.0:
         raise input_error(f"alpha={alpha}", "a number in (0, 1]", "Mirrors need alpha near 1e-3.")
@@ -174,6 +183,7 @@ def conductor_bsdf(
         "fresnel": choose("fresnel", fresnel, ("exact", "decomposition", "schlick", "f82")),
     }
     if fresnel == "decomposition":
+        load_basis(recipe, terms).coefficients(eta, k)  # refuses indices that fit badly
         bsdf |= {"recipe": recipe, "terms": int(terms)}
     return bsdf
 
@@ -396,80 +406,3 @@ def render_models(
         terms=terms,
     )
     return render_bsdfs(bsdfs, **options)
-
-
-@dataclass(frozen=True)
-class Timing:
-    """How long a full render takes with one model."""
-
-    median_ms: float
-    runs_ms: tuple[float, ...]
-    clock: str
-    """'kernel' (sum of Dr.Jit's kernel times) or 'wall' (scalar variants have no kernels)."""
-    variant: str
-    threads: int
-    """Of Dr.Jit's pool; 0 on a GPU."""
-
-
-def kernel_times(
-    bsdfs: Mapping[str, Any],
-    *,
-    scene: str = "studio",
-    size: int | tuple[int, int] = 128,
-    spp: int = 16,
-    seed: int = 0,
-    runs: int = 7,
-    variant: str | None = None,
-) -> dict[str, Timing]:
-    """Time of rendering one scene with each BSDF, warm, with forced evaluation.
-
-    Models take turns, in alternating order, so that a slow moment of the machine falls on all of
-    them. Two runs of each go before the first that counts: they compile.
-
-    Parameters
-    ----------
-    bsdfs, scene, size, spp, seed, variant
-        As for `render_bsdfs`; one pass of spp samples is timed.
-    runs : int, ≥ 7
-        That count, for each model.
-
-    Returns
-    -------
-    dict of Timing
-        By name; compare medians as ratios.
-    """
-    import drjit as dr
-    import mitsuba as mi
-
-    if runs < 7:
-        raise input_error(f"runs={runs}", "an integer ≥ 7", "A median of fewer says little.")
-    times: dict[str, list[float]] = {name: [] for name in bsdfs}
-    with variant_scope(variant) as active:
-        scalar = active.startswith("scalar")
-        scenes = {name: load_scene(scene, bsdf, size) for name, bsdf in bsdfs.items()}
-        scope = (
-            contextlib.nullcontext()
-            if scalar
-            else dr.scoped_set_flag(dr.JitFlag.KernelHistory, True)
-        )
-        with scope:
-            for run in range(-2, runs):
-                for name in list(scenes)[:: -1 if run % 2 else 1]:
-                    if not scalar:
-                        dr.kernel_history_clear()
-                    start = time.perf_counter()
-                    dr.eval(mi.render(scenes[name], spp=spp, seed=seed))
-                    if scalar:
-                        elapsed = 1e3 * (time.perf_counter() - start)
-                    else:
-                        dr.sync_thread()
-                        kernels = dr.kernel_history([dr.KernelType.JIT])
-                        elapsed = sum(kernel["execution_time"] for kernel in kernels)
-                    if run >= 0:
-                        times[name].append(elapsed)
-        clock = "wall" if scalar else "kernel"
-        threads = 0 if active.startswith("cuda") else dr.thread_count()
-    return {
-        name: Timing(statistics.median(values), tuple(values), clock, active, threads)
-        for name, values in times.items()
-    }

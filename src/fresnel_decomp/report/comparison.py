@@ -1,6 +1,6 @@
 """The main job: curves, renders and errors of Fresnel models for given materials, in one folder.
 
-`run` computes and writes everything; `summary_rows` and `markdown` say it in words. All outputs
+`run` computes and writes everything; `document` says it in words. All outputs
 are written whole, and images that an interrupted run had finished are used by the next one.
 """
 
@@ -23,10 +23,12 @@ from .._files import writable_folder, write_json, write_text
 from .._version import __version__
 from ..basis import Basis, load_basis
 from ..colour import delta_e_2000
-from ..mitsuba.comparison import Timing, kernel_times, model_bsdfs, render_bsdfs
+from ..mitsuba.comparison import model_bsdfs, render_bsdfs
 from ..mitsuba.scenes import SCENES
+from ..mitsuba.timing import Timing, kernel_times
 from ..subjects import Subject
 from .curves import curve_errors, draw_curves
+from .document import markdown
 from .images import RenderRow, draw_renders
 
 __all__ = [
@@ -34,9 +36,7 @@ __all__ = [
     "TIMED_MODELS",
     "Settings",
     "default_folder",
-    "markdown",
     "run",
-    "summary_rows",
 ]
 
 RENDER_MODELS = ("exact", "decomposition", "schlick")
@@ -88,6 +88,13 @@ class Settings:
         basis = load_basis(self.recipe, self.terms)
         if not self.subjects:
             raise input_error("no material", "at least one", "For example: Be")
+        names = [subject.name for subject in self.subjects]
+        if len(set(names)) < len(names):
+            raise input_error(
+                f"two materials of one name among {', '.join(names)}",
+                "different names, which files are called by",
+                "Rename one of the files, or compare them one after the other.",
+            )
         for alpha in self.alphas:
             if not 0.0 < alpha <= 1.0:
                 raise input_error(f"alpha={alpha:g}", "a roughness in (0, 1]", "Try 0.1.")
@@ -105,7 +112,11 @@ class Settings:
             )  # fmt: skip
         for subject in self.subjects:
             basis.coefficients(subject.eta, subject.k)
-            if "spectral" in self.variant and subject.material is None and not subject.grey:
+            if "spectral" not in self.variant:
+                continue
+            if subject.material is not None:  # every nanometre that Mitsuba may sample
+                basis.coefficients(*subject.material.at(np.arange(360.0, 831.0)))
+            elif not subject.grey:
                 raise input_error(
                     f"RGB indices ({subject.label}) with variant '{self.variant}'",
                     "measured spectra and grey indices in spectral variants",
@@ -153,7 +164,7 @@ def run(
 
         def rendering(model: str, fraction: float, done: int = number * len(RENDER_MODELS)) -> None:
             step = done + RENDER_MODELS.index(model) + fraction
-            progress(f"rendering {model}", 0.05 + 0.65 * step / steps)
+            progress(f"rendering {model}", 0.05 + 0.57 * step / steps)
 
         images = render_bsdfs(
             _bsdfs(settings, subject, alpha, RENDER_MODELS),
@@ -167,18 +178,20 @@ def run(
             progress=rendering,
         )
         rows.append(RenderRow.compute(f"{subject.label}, α = {alpha:g}", images))
-    progress("drawing", 0.7)
+    progress("drawing", 0.62)
     draw_renders(rows, target / "renders.png")
 
-    progress("timing", 0.75)
+    progress("timing", 0.7)
     subject, alpha = jobs[0]
+    scalar = settings.variant.startswith("scalar")
     times = kernel_times(
         _bsdfs(settings, subject, alpha, TIMED_MODELS),
         scene=settings.scene,
-        size=size,
-        spp=min(spp, 4 if settings.variant.startswith("scalar") else 16),
+        size=min(size, 32 if scalar else 128),
+        spp=4 if scalar else 16,
         seed=settings.seed,
         variant=settings.variant,
+        progress=lambda fraction: progress("timing", 0.7 + 0.28 * fraction),
     )
     progress("reporting", 0.98)
     report = {
@@ -199,7 +212,7 @@ def run(
             "nodes_rad": basis.nodes.tolist(),
             "condition": basis.condition,
             "closed_form_error": basis.closed_form.error,
-            "provenance": basis.provenance,
+            "provenance": dict(basis.provenance),
         },
         "materials": [
             _material(subject, basis, errors[subject.name]) for subject in settings.subjects
@@ -213,7 +226,7 @@ def run(
             }
             for (subject, alpha), row in zip(jobs, rows, strict=True)
         ],
-        "times": _times(times, jobs[0], size),
+        "times": _times(times, subject, alpha),
     }
     write_json(target / "report.json", report)
     write_text(target / "report.md", markdown(report))
@@ -263,11 +276,10 @@ def _material(subject: Subject, basis: Basis, errors: dict[str, Any]) -> dict[st
     return entry
 
 
-def _times(times: dict[str, Timing], job: tuple[Subject, float], size: int) -> dict[str, Any]:
-    reference = times["exact"].median_ms
+def _times(times: dict[str, Timing], subject: Subject, alpha: float) -> dict[str, Any]:
     first = times["exact"]
     return {
-        "what": f"whole renders of {job[0].name} at alpha {job[1]:g}, {size} x {size} pixels",
+        "what": f"whole renders of {subject.name} at alpha {alpha:g}",
         "clock": first.clock,
         "threads": first.threads,
         "runs": len(first.runs_ms),
@@ -276,7 +288,8 @@ def _times(times: dict[str, Timing], job: tuple[Subject, float], size: int) -> d
                 "median_ms": timing.median_ms,
                 "min_ms": min(timing.runs_ms),
                 "max_ms": max(timing.runs_ms),
-                "ratio_to_exact": timing.median_ms / reference,
+                "ratio_to_exact": timing.ratio,
+                "spread": timing.spread,
             }
             for name, timing in times.items()
         },
@@ -297,136 +310,6 @@ def _versions() -> dict[str, str]:
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()}",
     }
-
-
-def summary_rows(report: dict[str, Any]) -> list[list[str]]:
-    """The short table: a header, then a row per material, roughness and model."""
-    head = [
-        "material",
-        "α",
-        "model",
-        "max error",
-        "RMSE",
-        "ΔE00 curve",
-        "ΔE00 image",
-        "FLIP",
-        "time",
-    ]
-    rows = [head]
-    by_name = {entry["name"]: entry for entry in report["materials"]}
-    for render in report["renders"]:
-        for model, image in render["models"].items():
-            error = by_name[render["material"]]["curve_errors"][model]
-            rows.append(
-                [
-                    render["material"],
-                    f"{render['alpha']:g}",
-                    model,
-                    f"{error['max']:.4f}",
-                    f"{error['rmse']:.4f}",
-                    f"{error['delta_e_mean']:.2f}",
-                    f"{image['delta_e']:.2f}",
-                    f"{image['flip']:.4f}",
-                    f"{report['times']['models'][model]['ratio_to_exact']:.2f}×",
-                ]
-            )
-    return rows
-
-
-def markdown(report: dict[str, Any]) -> str:
-    """`report.md`: the report in words and tables."""
-    settings, times = report["settings"], report["times"]
-    lines = [
-        "# Fresnel models compared",
-        "",
-        f"`{report['command']}`" if report["command"] else "",
-        "",
-        f"Basis `{settings['recipe']}` with {settings['terms']} terms, nodes at "
-        f"{', '.join(f'{node:.4f}' for node in report['basis']['nodes_rad'])} rad. "
-        f"Rendered with `{settings['variant']}`, {settings['size']} × {settings['size']} pixels, "
-        f"{settings['spp']} samples per pixel, seed {settings['seed']}; the reference is path "
-        "traced with the exact Fresnel equations, and all models share its indices, paths and "
-        "samples.",
-        "",
-        *_table(summary_rows(report)),
-        "",
-        "Errors of curves are of the reflectance over all angles and channels (RMSE uniform in the "
-        "cosine), ΔE00 curve is the mean over the angles 0–89° under D65; ΔE00 image and FLIP are "
-        "means over the pixels. Times are ratios to the exact model.",
-        "",
-        "![curves](curves.png)",
-        "",
-        "![renders](renders.png)",
-        "",
-        "## Coefficients",
-        "",
-    ]
-    for entry in report["materials"]:
-        lines += [f"### {entry['name']}", "", *_table(_coefficient_rows(entry)), ""]
-        if "spectral" in entry:
-            spectral = entry["spectral"]
-            lines += [
-                f"From the spectrum under {spectral['illuminant']}, against which they err by "
-                f"ΔE00 {spectral['delta_e_mean']:.3f} on average and {spectral['delta_e_max']:.3f} "
-                "at most:",
-                "",
-                *_table(_coefficient_rows(spectral)),
-                "",
-                f"Data: {entry['source']}.",
-                "",
-            ]
-        head = ["model", "max", "mean", "RMSE", "ΔE00 mean", "ΔE00 max"]
-        errors = [
-            [name, *(f"{value:.2g}" for value in error.values())]
-            for name, error in entry["curve_errors"].items()
-        ]
-        lines += [*_table([head, *errors]), ""]
-    lines += [
-        "## Times",
-        "",
-        f"{times['what'][0].upper()}{times['what'][1:]}; {times['clock']} time, "
-        f"{times['threads']} threads, median of {times['runs']} warm, interleaved runs.",
-        "",
-        *_table(
-            [
-                ["model", "median (ms)", "range (ms)", "ratio to exact"],
-                *(
-                    [
-                        name,
-                        f"{row['median_ms']:.1f}",
-                        f"{row['min_ms']:.1f}–{row['max_ms']:.1f}",
-                        f"{row['ratio_to_exact']:.3f}",
-                    ]
-                    for name, row in times["models"].items()
-                ),
-            ]
-        ),
-        "",
-        "## Versions",
-        "",
-        ", ".join(f"{name} {version}" for name, version in report["versions"].items())
-        + f"; finished {report['finished']}.",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _coefficient_rows(entry: dict[str, Any]) -> list[list[str]]:
-    table = entry["coefficients_rgb"]
-    rows = [["channel", *(f"c{i}" for i in range(len(table[0])))]]
-    for i, channel in enumerate("RGB"):
-        rows.append([channel, *(f"{value:.6f}" for value in table[i])])
-    if "eta_rgb" in entry:
-        rows[0] += ["η", "k"]
-        for i, row in enumerate(rows[1:]):
-            row += [f"{entry['eta_rgb'][i]:.5g}", f"{entry['k_rgb'][i]:.5g}"]
-    return rows
-
-
-def _table(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Markdown lines of a table whose first row is the header."""
-    lines = ["| " + " | ".join(row) + " |" for row in rows]
-    lines.insert(1, "|" + " --- |" * len(rows[0]))
-    return lines
 
 
 def default_folder(subjects: Sequence[Subject]) -> Path:
