@@ -67,14 +67,25 @@ def setup(app: Any) -> None:
 
 
 def _inline_math(translator: Any, node: Any) -> None:
-    translator.body.append(latex2mathml.tex2mathml(node.astext(), as_block=False))
+    translator.body.append(_mathml(node.astext(), as_block=False))
     raise SkipNode
 
 
 def _display_math(translator: Any, node: Any) -> None:
-    mathml = latex2mathml.tex2mathml(node.astext(), as_block=True)
-    translator.body.append(f'<div class="math">{mathml}</div>')
+    mathml = _mathml(node.astext(), as_block=True)
+    style = "overflow-x: auto; padding-top: 0.3em"
+    translator.body.append(f'<div class="math" style="{style}">{mathml}</div>')
     raise SkipNode
+
+
+def _mathml(text: str, as_block: bool) -> str:
+    """MathML, after what docutils' translation of LaTeX misreads was put in other words."""
+    text = re.sub(r"\\([dt]?frac)(\d)(\d)", r"\\\1{\2}{\3}", text)
+    mathml = latex2mathml.tex2mathml(text, as_block=as_block).replace("\u02c9", "\u00af")
+    bar = (
+        r'<munderover>\s*(<mi>\w</mi>)\s*(\S*)\s*(<mo stretchy="false">\u00af</mo>)\s*</munderover>'
+    )
+    return re.sub(bar, r'<msub><mover accent="true">\1\3</mover>\2</msub>', mathml)
 
 
 def _insert_notebook(app: Any, docname: str, source: list[str]) -> None:

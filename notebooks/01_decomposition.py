@@ -24,6 +24,8 @@
 # channel. Here we build the functions, fit beryllium, and look at the result.
 
 # %%
+import textwrap
+
 import matplotlib.pyplot as plt
 import numpy as np
 from scipy.sparse.linalg import svds
@@ -163,9 +165,9 @@ plt.show()
 try:
     fd.Decomposition.from_ior(1 / 1.5, 0.0)
 except fd.InputError as error:
-    print(error)
-inside_glass = fd.Decomposition.from_ior(1 / 1.5, 0.0, poor_fit="substitute")  # reciprocity
-error = np.abs(inside_glass(cos_theta) - fd.dielectric(cos_theta, 1 / 1.5)).max()
+    print(textwrap.fill(str(error), 80))
+glass = fd.Decomposition.from_ior(1 / 1.5, 0.0, poor_fit="substitute")
+error = np.abs(glass(cos_theta) - fd.dielectric(cos_theta, 1 / 1.5)).max()
 print(f"inside glass, by reciprocity: largest error {error:.4f}")
 
 # %% [markdown]
@@ -177,7 +179,8 @@ print(f"inside glass, by reciprocity: largest error {error:.4f}")
 form = basis.closed_form
 print(f"degrees {form.numerators.shape[1]} over {form.denominator.size - 1}")
 print(f"largest distance to the extracted basis {form.error:.1e}")
-print(f"smallest denominator {np.polynomial.Polynomial(form.denominator)(cos_theta).min():.2f}")
+denominator = np.polynomial.Polynomial(form.denominator)(cos_theta)
+print(f"smallest denominator {denominator.min():.2f}")
 
 # %% [markdown]
 # ## 6. A picture
