@@ -89,8 +89,17 @@ class DrJitOps(Ops):
         dr = drjit_module()
         assert dr is not None
         self.dr = dr
-        self.sqrt, self.abs, self.hypot = dr.sqrt, dr.abs, dr.hypot
+        self.sqrt, self.abs = dr.sqrt, dr.abs
+        self.hypot = self._hypot
         self.minimum, self.maximum, self.select = dr.minimum, dr.maximum, dr.select
+
+    def _hypot(self, a: Any, b: Any) -> Any:
+        """sqrt(a² + b²) for finite a and b; `dr.hypot` also cares for infinities."""
+        dr = self.dr
+        a, b = dr.abs(a), dr.abs(b)
+        high, low = dr.maximum(a, b), dr.minimum(a, b)
+        ratio = low / dr.select(high > 0.0, high, 1.0)
+        return high * dr.sqrt(dr.fma(ratio, ratio, 1.0))
 
     def two_product(self, a: Any, b: Any) -> tuple[Any, Any]:
         p = a * b

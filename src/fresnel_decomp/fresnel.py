@@ -298,40 +298,32 @@ def _refraction(q: _Shared, derivatives: bool) -> list[tuple[Any, Any]]:
 def _squares_minus_one(ops: Ops, x: Any, y: Any, less: Any, compensated: bool) -> Any:
     """x² + y² - 1 - less², where an argument (a, b) stands for the product a b.
 
-    Evaluated as lo² + 2g + g² - less² with lo = min, g = max - 1: the terms nearly cancel at the
-    critical angle and for m near 1, and this form leaves the cancellation to exact numbers. In
-    float64 on float32 input that is enough; with `compensated`, products and partial sums carry
-    their rounding errors too (Ogita, Rump and Oishi 2005).
+    With lo = min, g = max - 1 it is (lo² + 2g) + g² - less²: where the terms cancel, at the
+    critical angle and for m near 1, both sums are exact in this order (Sterbenz), and so is g.
+    Squares of float32 are exact in float64; with `compensated` they, and products, carry their
+    rounding errors. less² needs no such care: where it cancels too, the imaginary part of what
+    this is the real part of is larger.
     """
+    x, x_error = _product(ops, x, compensated)
+    y, y_error = _product(ops, y, compensated)
+    less, _ = _product(ops, less, False)
+    low, g = ops.minimum(x, y), ops.maximum(x, y) - 1.0
     if not compensated:
-        x, y, less = (v[0] * v[1] if isinstance(v, tuple) else v for v in (x, y, less))
-        low, g = ops.minimum(x, y), ops.maximum(x, y) - 1.0
-        # squares of float32 are exact, and in this order so are differences that cancel (Sterbenz)
         return (low * low + 2.0 * g) + g * g - less * less
-    (x, x_error), (y, y_error), (less, less_error) = (
-        ops.two_product(*v) if isinstance(v, tuple) else (v, 0.0) for v in (x, y, less)
-    )
-    x_lower = x < y
-    low, high = ops.select(x_lower, x, y), ops.select(x_lower, y, x)
-    g, g_error = _two_sum(high, -1.0)
-    small = 2.0 * (
-        low * ops.select(x_lower, x_error, y_error)
-        + high * (g_error + ops.select(x_lower, y_error, x_error))
-        - less * less_error
-    )
-    total = 2.0 * g
-    for factor, sign in ((low, 1.0), (less, -1.0), (g, 1.0)):
-        square, error = ops.two_product(factor, factor)
-        total, rounding = _two_sum(total, sign * square)
-        small = small + (rounding + sign * error)
-    return total + small
+    low_square, low_error = ops.two_product(low, low)
+    g_square, g_error = ops.two_product(g, g)
+    error = low_error + g_error
+    for factor, rounding in ((x, x_error), (y, y_error)):
+        if rounding is not None:
+            error = error + 2.0 * factor * rounding
+    return ((low_square + 2.0 * g) + g_square) + error - less * less
 
 
-def _two_sum(a: Any, b: Any) -> tuple[Any, Any]:
-    """(s, e) with s = fl(a + b) and s + e = a + b exactly (Knuth)."""
-    s = a + b
-    b_seen = s - a
-    return s, (a - (s - b_seen)) + (b - b_seen)
+def _product(ops: Ops, value: Any, compensated: bool) -> tuple[Any, Any]:
+    """A value, or the product that a pair stands for, and its rounding error or None."""
+    if not isinstance(value, tuple):
+        return value, None
+    return ops.two_product(*value) if compensated else (value[0] * value[1], None)
 
 
 def _norm(ops: Ops, x: Any, y: Any, scaled: bool) -> Any:
@@ -412,14 +404,15 @@ def _on_drjit(ops: DrJitOps, formula: Any, arguments: tuple[Any, ...], precision
     template = dr.detach(arguments[0] * 0.0 + arguments[1] * 0.0 + arguments[2] * 0.0)
     result = type(template)
     work = dr.float64_array_t(result) if widen else result
-    c, eta, k = (work(dr.detach(result(value))) for value in arguments)
-    valid = dr.isfinite(eta) & (eta > 0.0) & dr.isfinite(k) & (k >= 0.0) & ~dr.isnan(c)
-    c = dr.clip(c, 0.0, 1.0)
-    eta, k = dr.select(valid, eta, 1.5), dr.select(valid, k, 0.0)
+    c, eta, k = (dr.detach(result(value)) for value in arguments)
+    # checked in the caller's type, which is the cheaper one
+    valid = (eta > 0.0) & (eta < dr.inf) & (k >= 0.0) & (k < dr.inf) & ~dr.isnan(c)
+    c = work(dr.clip(c, 0.0, 1.0))
+    eta, k = work(dr.select(valid, eta, 1.5)), work(dr.select(valid, k, 0.0))
     attach = any(dr.is_array_v(value) and dr.grad_enabled(value) for value in arguments)
     results = []
     for value, gradient in formula(_shared(ops, c, eta, k, not widen), attach):
-        value = result(dr.select(valid, value, dr.nan))
+        value = dr.select(valid, result(value), dr.nan)
         if attach:
             # linear in the arguments with the closed-form slopes: right in both modes, any order
             # of evaluation, and no derivative of an intermediate can overflow
