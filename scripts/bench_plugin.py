@@ -3,7 +3,7 @@
 Two ratios per Fresnel term: kernel time of the BSDF alone (`eval` on random directions), and of a
 whole path-traced picture with several bounces between conductors. Runs of all plugins are
 interleaved, so that a busy machine slows them alike; each ratio is the median over rounds of
-(plugin / built-in of the same round), its spread the distance between quartiles.
+(plugin / built-in of the same round), its spread half the distance between quartiles.
 
     python scripts/bench_plugin.py --variant llvm_ad_rgb --out bench.json
 """
@@ -13,11 +13,10 @@ from __future__ import annotations
 import argparse
 import os
 import platform
+import statistics
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from fresnel_decomp import doctor
 from fresnel_decomp._files import write_json
@@ -177,16 +176,16 @@ def measure(kernels: dict[str, Callable[[], None]], rounds: int) -> dict[str, li
 
 
 def summary(times: dict[str, list[float]]) -> dict[str, dict[str, float]]:
-    """Median time of each plugin, and median and quartile distance of its ratio to the built-in."""
-    base = np.array(times["roughconductor"])
+    """Median time of each plugin, and its ratio to the built-in one with the spread of that."""
+    from fresnel_decomp.mitsuba.timing import ratio_and_spread
+
     rows = {}
     for name, values in times.items():
-        ratios = np.array(values) / base
-        low, middle, high = np.percentile(ratios, [25, 50, 75])
+        ratio, spread = ratio_and_spread(values, times["roughconductor"])
         rows[name] = {
-            "milliseconds": float(np.median(values)),
-            "ratio": float(middle),
-            "spread": float(high - low),
+            "milliseconds": statistics.median(values),
+            "ratio": ratio,
+            "spread": spread,
         }
     return rows
 

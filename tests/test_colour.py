@@ -126,6 +126,9 @@ def test_colour_difference_broadcasts_and_does_not_clip():
 
 
 def test_encoding_for_display():
+    x = np.linspace(0.0, 1.0, 513)
+    expected = colour_science().cctf_encoding(x, "sRGB")
+    np.testing.assert_allclose(linear_to_srgb(x), expected, atol=1e-12)
     np.testing.assert_allclose(linear_to_srgb([0.0, 0.001, 0.5, 1.0]), [0, 0.01292, 0.735357, 1])
     np.testing.assert_allclose(linear_to_srgb([-0.5, 1.5]), [0.0, 1.0], atol=1e-15)
     assert srgb_hex([1.022, 0.2140411, -0.1]) == "#ff7f00"

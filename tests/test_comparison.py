@@ -144,22 +144,26 @@ def test_spectral_indices() -> None:
     assert np.any(images["exact"] != images["schlick"])
 
 
-def test_times(variant: str) -> None:
-    bsdfs = {"a": built_in(), "b": built_in(alpha=0.3)}
-    times = comparison.kernel_times(bsdfs, size=8, spp=1, variant=variant)
-    assert list(times) == ["a", "b"]
-    for timing in times.values():
-        assert len(timing.runs_ms) == 7
-        assert 0 < min(timing.runs_ms) <= timing.median_ms <= max(timing.runs_ms)
-        assert timing.variant == variant
-        assert timing.clock == ("wall" if variant.startswith("scalar") else "kernel")
-    with pytest.raises(InputError, match="runs"):
-        comparison.kernel_times(bsdfs, runs=3)
+def test_spectra_without_absorption() -> None:
+    """Mitsuba has no spectra that are 0 everywhere."""
+    wavelength = np.linspace(360.0, 830.0, 5)
+    bsdf = comparison.conductor_bsdf(np.full(5, 1.8), np.zeros(5), wavelength_nm=wavelength)
+    assert bsdf["k"] == 0.0
+    options: dict[str, Any] = {"size": 8, "spp": 1, "variant": "scalar_spectral"}
+    images = comparison.render_bsdfs({"metal": bsdf}, **options)
+    assert np.isfinite(images["metal"]).all()
 
 
 def test_bad_input(variant: str) -> None:
     with pytest.raises(InputError, match="eta of shape"):
         comparison.conductor_bsdf([1.0, 2.0], K)
+    for eta, k in ((-1.0, 2.0), (0.0, 2.0), (np.nan, 2.0), (1.0, -2.0), (ETA, [1.0, np.inf, 2.0])):
+        with pytest.raises(InputError, match="with the value"):
+            comparison.conductor_bsdf(eta, k)
+    with pytest.raises(InputError, match="total internal reflection"):
+        comparison.model_bsdfs([1.5, 0.7, 1.5], 0.0)
+    with pytest.raises(InputError, match="'talk'"):
+        comparison.model_bsdfs(ETA, K, recipe="tlak")
     with pytest.raises(InputError, match="wavelengths of shape"):
         comparison.conductor_bsdf(ETA, K, wavelength_nm=[400.0, 700.0])
     with pytest.raises(InputError, match="alpha"):

@@ -29,6 +29,8 @@ COLOURS = {
     "eta": {"type": "rgb", "value": [0.2, 1.2, 2.0]},
     "k": {"type": "rgb", "value": [3.0, 2.0, 1.5]},
 }
+NAN = float("nan")
+FRESNEL = ("exact", "schlick", "f82", "decomposition")
 F_ONE = {"c0": 1.0, "c1": 0.0, "c2": 0.0, "c3": 0.0}
 
 
@@ -209,7 +211,7 @@ def test_exact_is_the_built_in_plugin_everywhere(case: str, variant: str) -> Non
 # --- the Fresnel terms ---------------------------------------------------------------------------
 
 
-@only("fresnel", ["exact", "schlick", "f82", "decomposition"])
+@only("fresnel", FRESNEL)
 def test_terms_are_the_models(fresnel: str, variant: str) -> None:
     eta, k = (np.array(COLOURS[name]["value"]) for name in ("eta", "k"))
     expected = models.model_from_ior(fresnel, eta, k)(COSINES[:, None])
@@ -336,7 +338,7 @@ def test_reciprocity(shape: str, variant: str) -> None:
     np.testing.assert_allclose(there / wo[:, 2:], back / wi[:, 2:], rtol=2e-4, atol=1e-6)
 
 
-@only("fresnel", ["exact", "schlick", "f82", "decomposition"])
+@only("fresnel", FRESNEL)
 @only("shape", ["ggx", "beckmann", "ggx anisotropic"])
 @LLVM_RGB
 def test_white_furnace(fresnel: str, shape: str, variant: str) -> None:
@@ -486,6 +488,50 @@ def test_measured_spectra(variant: str) -> None:
     np.testing.assert_allclose(got, expected, atol=3e-4)
 
 
+@only("fresnel", FRESNEL)
+@only("variant", ["llvm_ad_rgb", "scalar_spectral", "llvm_ad_spectral_polarized"], indirect=True)
+def test_no_material_is_a_mirror(fresnel: str, variant: str) -> None:
+    for name in ("none", "None"):
+        got = reflectance(conductor(fresnel=fresnel, material=name), COSINES)
+        np.testing.assert_allclose(got, 1.0, atol=2e-6)
+
+
+@only("variant", ["llvm_ad_rgb", "scalar_spectral"], indirect=True)
+def test_materials_by_alias(variant: str) -> None:
+    gold, silver = (reflectance(conductor(material=m), COSINES) for m in ("Au", "Ag"))
+    for name in ("gold", "GOLD", "au"):
+        np.testing.assert_array_equal(reflectance(conductor(material=name), COSINES), gold)
+    assert np.any(gold != silver)
+
+
+@only("fresnel", FRESNEL)
+@only("material", ["CsI", "ThF4"])
+@BOTH_SPECTRAL
+def test_materials_without_absorption(material: str, fresnel: str, variant: str) -> None:
+    """The built-in plugin cannot load them in spectral variants."""
+    wavelengths = [420.0, 500.5, 580.25, 700.0]
+    eta = np.interp(wavelengths, *mi.spectrum_from_file(f"data/ior/{material}.eta.spd"))
+    expected = models.model_from_ior(fresnel, eta, 0.0)(COSINES[:, None])
+    plugin = conductor(fresnel=fresnel, material=material)
+    got = reflectance(plugin, COSINES, wavelengths=wavelengths)
+    np.testing.assert_allclose(got, expected, atol=3e-4)
+
+
+@only("variant", ["scalar_rgb", "scalar_spectral"], indirect=True)
+def test_broken_materials_are_told(variant: str, caplog: pytest.LogCaptureFixture) -> None:
+    for fresnel in FRESNEL:
+        conductor(fresnel=fresnel, material="SnTe")
+    conductor(fresnel="exact", material="AlAs")
+    assert [r.args[0] for r in caplog.records] == ["SnTe"] * 4 + ["AlAs"]
+    assert "'AlAs' is broken: eta = 0 at 13 samples" in caplog.text
+    if mi.is_spectral:  # the gap itself is there
+        with pytest.raises(RuntimeError, match="'eta' with values from 0 to"):
+            conductor(material="AlAs")
+    caplog.clear()
+    conductor(material="Be")
+    assert not caplog.records
+
+
 @BOTH_SPECTRAL
 def test_negative_numbers_survive_in_spectral_variants(variant: str) -> None:
     plugin = conductor(**(F_ONE | {"c0": 0.3, "c1": 0.7, "c2": -0.25}))
@@ -540,6 +586,46 @@ def test_bad_updates_are_refused(variant: str) -> None:
     params["eta.value"], params["k.value"] = mi.Float(0.7), mi.Float(1e-3)
     with pytest.raises((InputError, RuntimeError), match="total internal reflection"):
         params.update()
+    for fresnel in FRESNEL:
+        for name, value in {"eta": -1.0, "k": NAN, "alpha": 0.0}.items():
+            params = mi.traverse(conductor(fresnel=fresnel, **BE))
+            params[f"{name}.value"] = mi.Float(value)
+            with pytest.raises((InputError, RuntimeError), match=f"parameter {name}="):
+                params.update()
+
+
+@LLVM_RGB
+def test_frozen_functions_may_set_the_exact_term(variant: str) -> None:
+    plugin = conductor(fresnel="exact", **BE)
+    params, (wi, wo) = mi.traverse(plugin), directions(4)
+    si, wo_ = interactions(wi)[0], mi.Vector3f(wo.T.astype("f4"))
+
+    @dr.freeze
+    def value(si: Any, wo: Any, eta: Any) -> Any:
+        params["eta.value"] = eta
+        params.update()
+        return plugin.eval(mi.BSDFContext(), si, wo)
+
+    for eta in (1.5, 2.5, 3.5):
+        got = as_array(value(si, wo_, dr.opaque(mi.Float, eta)), 4)
+        expected = evaluate(conductor(fresnel="exact", eta=eta, k=BE["k"]), wi, wo)
+        np.testing.assert_allclose(got, expected, rtol=1e-6)
+
+
+@LLVM_RGB
+def test_frozen_functions_may_not_project(variant: str) -> None:
+    plugin = conductor(**BE)
+    params = mi.traverse(plugin)
+
+    @dr.freeze
+    def change(eta: Any) -> Any:
+        params["eta.value"] = eta
+        params.update()
+        return eta
+
+    with pytest.raises(RuntimeError) as raised:
+        change(dr.opaque(mi.Float, 1.5))
+    assert "outside of it" in str(raised.value.__cause__)
 
 
 def test_to_string(variant: str) -> None:
@@ -571,12 +657,18 @@ def test_to_string(variant: str) -> None:
         ({**F_ONE, "fresnel": "exact"}, "do not determine"),
         ({**BE, "alpha": 0.1, "alpha_u": 0.1}, "alpha_u = alpha_v"),
         ({**BE, "alpha_u": 0.1}, "alpha_u and alpha_v"),
-        ({"eta": -1.0, "k": 2.0}, "eta"),
-        ({"eta": 1.5, "k": -2.0}, "k"),
-        ({"eta": float("nan"), "k": 2.0}, "eta"),
-        ({"r": 1.5, "g": 0.5}, "r and g in"),
+        ({"r": 1.5, "g": 0.5}, r"r=1.5; accepted: values in \[0, 1\)"),
+        ({"r": 1.0, "g": 0.5}, r"r=1; accepted: values in \[0, 1\)"),
+        ({"r": 0.5, "g": 1.5}, "g=1.5"),
+        ({"r": 0.5, "g": NAN}, "g=nan"),
+        ({"f0": 0.5, "f1": NAN, "f2": 0.5}, "f1=nan"),
+        ({**F_ONE, "c0": NAN}, "c0=nan"),
+        ({**F_ONE, "specular_reflectance": NAN}, "specular_reflectance=nan"),
+        *(({**BE, "alpha": alpha}, "alpha=") for alpha in (0.0, -0.1, NAN)),
+        ({**BE, "alpha_u": 0.1, "alpha_v": 0.0}, "alpha_v=0"),
         ({"eta": 0.7, "k": 0.0}, "total internal reflection"),
         ({"material": "Unobtainium"}, "Unobtainium"),
+        ({"material": "silwer"}, "'Ag'"),
         ({**BE, "aplha": 0.1}, "aplha"),
     ],
 )
@@ -585,13 +677,44 @@ def test_bad_input(parameters: dict[str, Any], message: str, variant: str) -> No
         mi.load_dict({"type": "decomposed_conductor", **parameters})
 
 
-@LLVM_RGB
-def test_bad_texels_are_refused(variant: str) -> None:
+@only("fresnel", FRESNEL)
+@only("eta", [-1.0, 0.0, NAN, np.inf])
+def test_bad_indices_are_refused(eta: float, fresnel: str, variant: str) -> None:
+    with pytest.raises(RuntimeError, match=f"eta={eta:g}; accepted: finite values > 0"):
+        conductor(fresnel=fresnel, eta=eta, k=2.0)
+    with pytest.raises(RuntimeError, match="k=-2; accepted: finite values >= 0"):
+        conductor(fresnel=fresnel, eta=1.5, k=-2.0)
+
+
+@only("fresnel", FRESNEL)
+def test_bad_texels_are_refused(fresnel: str, variant: str) -> None:
     texels = np.full((3, 3, 1), 2.0)
     texels[1, 2] = -1.0
-    for fresnel in ("schlick", "f82", "decomposition"):
-        with pytest.raises(RuntimeError, match="eta"):
-            conductor(fresnel=fresnel, eta=bitmap(texels), k=2.0)
+    board = {"type": "checkerboard", "color0": 2.0, "color1": bitmap(texels)()}
+    for eta in (bitmap(texels), board):
+        with pytest.raises(RuntimeError, match="'eta' with values from -1 to 2"):
+            conductor(fresnel=fresnel, eta=eta, k=2.0)
+    texels[1, 2] = NAN
+    for name in ("eta", "alpha"):
+        with pytest.raises(RuntimeError, match=f"'{name}' with 1 of 9 values"):
+            conductor(**{"fresnel": fresnel, **BE, name: bitmap(texels)})
+    with pytest.raises(RuntimeError, match="c1"):
+        conductor(**(F_ONE | {"c1": bitmap(texels)}))
+
+
+@only("storage", ["variant", "fp16", "auto"])
+def test_8_bit_images(storage: str, variant: str) -> None:
+    def texture(value: int) -> dict[str, Any]:
+        texels = mi.Bitmap(np.full((2, 2, 1), value, np.uint8))
+        return {"type": "bitmap", "raw": True, "bitmap": texels, "format": storage}
+
+    got = reflectance(conductor(r=texture(128), g=0.5), COSINES)
+    expected = reflectance(conductor(r=128 / 255, g=0.5), COSINES)
+    np.testing.assert_allclose(got, expected, atol=2e-3 if storage == "fp16" else 1e-5)
+    with pytest.raises(RuntimeError, match=r"r=1; .* scale it below 1"):
+        conductor(r=texture(255), g=0.5)
+    with pytest.raises(RuntimeError, match="alpha=0"):
+        conductor(**BE, alpha=texture(0))
 
 
 def test_registering_again_does_no_harm(variant: str) -> None:

@@ -67,8 +67,11 @@ def data_set_files(name: str) -> tuple[Path, Path]:
     return _folder() / f"{name}.eta.spd", _folder() / f"{name}.k.spd"
 
 
-def find_data_set(name: str) -> str:
-    """The data set of this name or alias, in any case; the error names the nearest ones."""
+def find_data_set(name: str, others: str = "a .spd or .csv file") -> str:
+    """The data set of this name or alias, in any case; the error names the nearest ones.
+
+    `others` is what the caller accepts beside names.
+    """
     known = {
         key.casefold(): data_set
         for data_set in data_sets()
@@ -80,7 +83,7 @@ def find_data_set(name: str) -> str:
     near = dict.fromkeys(known[match] for match in matches)
     raise input_error(
         f"material {name!r} is unknown",
-        "a name or alias that `fresnel-decomp materials` lists, or a .spd or .csv file",
+        f"a name or alias that `fresnel-decomp materials` lists, or {others}",
         f"Did you mean {' or '.join(map(repr, near))}?" if near else "Choose one of these.",
     )
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._check import input_error
 from ._files import replacing
+from .colour import delta_e_2000, linear_to_srgb
 
 __all__ = [
     "PIXELS_PER_DEGREE",
@@ -28,7 +29,6 @@ __all__ = [
     "read_exr_attributes",
     "rmse",
     "signed_difference",
-    "srgb_encode",
     "write_exr",
 ]
 
@@ -86,8 +86,10 @@ def write_exr(
 
     Examples
     --------
-    >>> write_exr("/tmp/grey.exr", np.full((2, 3, 3), 0.5), {"comments": "a grey card"})
-    >>> read_exr("/tmp/grey.exr").shape, read_exr_attributes("/tmp/grey.exr")["comments"]
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     write_exr(f"{folder}/a.exr", np.full((2, 3, 3), 0.5), {"comments": "a grey card"})
+    ...     read_exr(f"{folder}/a.exr").shape, read_exr_attributes(f"{folder}/a.exr")["comments"]
     ((2, 3, 3), 'a grey card')
     """
     import OpenEXR
@@ -160,12 +162,6 @@ def _open_exr(path: str | os.PathLike[str], header_only: bool = False) -> Any:
         ) from error
 
 
-def srgb_encode(linear: ArrayLike) -> NDArray[np.float64]:
-    """The transfer function of sRGB (IEC 61966-2-1), value by value, after clipping to [0, 1]."""
-    x = np.clip(np.asarray(linear, dtype=np.float64), 0.0, 1.0)
-    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1.0 / 2.4) - 0.055)
-
-
 def display(image: ArrayLike, exposure: float = 0.0) -> _Image:
     """What a screen shows of a linear image: scaled by 2^exposure, clipped, sRGB-encoded.
 
@@ -183,7 +179,8 @@ def display(image: ArrayLike, exposure: float = 0.0) -> _Image:
     -------
     (height, width, 3) float32 array in [0, 1]
     """
-    return srgb_encode(_image("image", image) * np.float32(2.0**exposure)).astype(np.float32)
+    exposed = _image("image", image) * np.float32(2.0**exposure)
+    return linear_to_srgb(exposed).astype(np.float32)
 
 
 def flip(
@@ -267,8 +264,6 @@ def delta_e(reference: ArrayLike, test: ArrayLike, exposure: float = 0.0) -> NDA
 
     Radiance is clipped to what a screen can show, white being (1, 1, 1) after exposure.
     """
-    from .colour import delta_e_2000
-
     scale = np.float32(2.0**exposure)
     first, second = (np.clip(image * scale, 0.0, 1.0) for image in _pair(reference, test))
     return np.asarray(delta_e_2000(first, second))

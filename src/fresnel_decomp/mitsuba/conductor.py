@@ -7,6 +7,7 @@ sampling of visible normals (Heitz and d'Eon 2014), in the same order of operati
 
 from __future__ import annotations
 
+import logging
 from functools import partial
 from typing import Any
 
@@ -14,11 +15,16 @@ import drjit as dr
 import mitsuba as mi
 
 from .._check import choose, input_error
+from .._data_sets import data_set_files, find_data_set
 from ..basis import load_basis
+from ..spectra import load_material
 from .fresnel_terms import F82, Decomposition, Exact, Material, Schlick, parameter_set
+from .ranges import check_range, recording
 from .tabulation import children, direct, tabulate
 
 __all__ = ["DecomposedConductor", "plugin_class"]
+
+_log = logging.getLogger(__name__)
 
 _OWN_SLOTS = ("__dict__", "__weakref__")
 
@@ -32,11 +38,12 @@ class DecomposedConductor:
     Parameters
     ----------
     material : str
-        Name of a material of Mitsuba's, with the meaning it has for `roughconductor`. Instead of
-        it, exactly one of these sets:
+        Name of a material of Mitsuba's, with the meaning it has for `roughconductor` ("none" is a
+        perfect mirror), or an alias such as "gold", in any case. Instead of it, exactly one of
+        these sets:
     eta, k : float, spectrum or texture
         Relative complex index of refraction.
-    r, g : float, spectrum or texture in [0, 1]
+    r, g : float, spectrum or texture in [0, 1) and [0, 1]
         Reflectivity and edge tint (Gulbrandsen 2014).
     f0, f1, f2, ... : float, spectrum or texture
         Reflectance at normal incidence and at the `terms - 2` nodes of the basis.
@@ -48,7 +55,7 @@ class DecomposedConductor:
         The basis, see `load_basis` (default "talk", 4).
     distribution : {"beckmann", "ggx"}
         Distribution of microfacet normals (default "beckmann", as for `roughconductor`).
-    alpha, or alpha_u and alpha_v : float or texture
+    alpha, or alpha_u and alpha_v : float or texture > 0
         Roughness, along both or each of the tangents (default 0.1).
     sample_visible : bool
         Sample visible normals only (default true).
@@ -86,6 +93,7 @@ class DecomposedConductor:
         self.specular_reflectance = props.get_texture(factor) if factor in props else None
         self._set_roughness(props)
         self._set_material(props, fresnel)
+        self._check_shaping()
 
     def _set_roughness(self, props: Any) -> None:
         given = [name for name in ("alpha", "alpha_u", "alpha_v") if name in props]
@@ -115,8 +123,12 @@ class DecomposedConductor:
                 "material, eta + k or r + g",
                 "Reflectances and coefficients do not determine an index of refraction.",
             )
-        if kind == "material":
-            self.parameters = _preset(props["material"])
+        preset = str(props["material"]) if kind == "material" else ""
+        if preset.casefold() == "none" and fresnel != "exact":
+            kind = "coefficients"
+            self.parameters = {f"c{i}": _uniform(float(i == 0)) for i in range(terms)}
+        elif preset:
+            self.parameters = _preset(preset)
         else:
             self.parameters = {name: _texture(props, name) for name in names}
         self.fresnel, self.kind = fresnel, kind
@@ -133,20 +145,39 @@ class DecomposedConductor:
             results = self.term.project(Material(self.kind, values, self.basis))
             if not all(dr.all(dr.isfinite(result)) for result in results):
                 raise input_error(
-                    f"{' or '.join(self.parameters)} is out of range or not a number",
-                    "finite values; eta > 0, k >= 0, r and g in [0, 1]",
+                    f"{' and '.join(self.parameters)} have no finite reflectance somewhere",
+                    "finite values; eta > 0, k >= 0, r in [0, 1), g in [0, 1]",
                     "Check the textures and spectra of the conductor.",
                 )
             return results
 
+        for name, texture in self.parameters.items():
+            # eta is 0 for mirrors and in gaps of measured data, which Mitsuba's exact term takes
+            check_range(name, texture, zero=(self.fresnel, self.kind) == ("exact", "material"))
         needed_as_given = {"exact": ("material", "indices"), "decomposition": ("coefficients",)}
         if self.kind in needed_as_given.get(self.fresnel, ()):
             self.lookup = direct(tuple(self.parameters.values()))
+        elif recording():  # going on would end the process
+            raise input_error(
+                f"new {' and '.join(self.parameters)} for fresnel='{self.fresnel}' in a recorded "
+                "function (dr.freeze) or a symbolic loop",
+                "updates outside of it; in it, eta and k of the exact term, or coefficients",
+                "Call params.update() before it.",
+            )
         else:
             self.lookup = tabulate(self.parameters, project)
         self.tables = self.tables or [type(table)(table) for table in self.lookup.tables]
         for kept, table in zip(self.tables, self.lookup.tables, strict=True):
             mi.set_property(kept, table)  # in place: `SceneParameters` hold on to them
+
+    def _check_shaping(self) -> None:
+        if self.alpha_u is self.alpha_v:
+            check_range("alpha", self.alpha_u)
+        else:
+            check_range("alpha_u", self.alpha_u)
+            check_range("alpha_v", self.alpha_v)
+        if self.specular_reflectance is not None:
+            check_range("specular_reflectance", self.specular_reflectance)
 
     def traverse(self, cb: Any) -> None:
         smooth = mi.ParamFlags.Differentiable
@@ -166,6 +197,8 @@ class DecomposedConductor:
     def parameters_changed(self, keys: Any = ()) -> None:
         if not keys or any(key in self.parameters for key in keys):
             self._project()
+        if not keys or any(key not in self.parameters for key in keys):
+            self._check_shaping()
 
     def _microfacets(self, si: Any, active: Any) -> Any:
         alpha_u, alpha_v = self.alpha_u.eval_1(si, active), self.alpha_v.eval_1(si, active)
@@ -276,8 +309,22 @@ def plugin_class() -> type:
 
 def _preset(name: str) -> dict[str, Any]:
     """The textures that the built-in plugin makes of `material`: taken from one of its kind."""
-    found = children(mi.load_dict({"type": "roughconductor", "material": name}))
+    indices: dict[str, Any] = {"material": "none"}
+    if name.casefold() != "none":
+        indices["material"] = data_set = find_data_set(name, "'none'")
+        for flag in load_material(data_set, allow_partial=True, allow_broken=True).flags:
+            if flag.startswith("broken"):
+                _log.warning("Mitsuba's material '%s' is %s", data_set, flag)
+        eta, k = (str(path) for path in data_set_files(data_set))
+        if mi.is_spectral and not any(mi.spectrum_from_file(k)[1]):
+            # Mitsuba has no spectra that are 0 everywhere
+            indices = {"eta": {"type": "spectrum", "filename": eta}, "k": 0.0}
+    found = children(mi.load_dict({"type": "roughconductor", **indices}))
     return {"eta": found["eta"], "k": found["k"]}
+
+
+def _uniform(value: float) -> Any:
+    return mi.load_dict({"type": "uniform", "value": value})
 
 
 def _texture(props: Any, name: str) -> Any:

@@ -11,10 +11,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-import drjit as dr
 import mitsuba as mi
 
 from .._check import input_error
+from .._schlick import bend_factor, bent_schlick, schlick
 from ..fresnel import conductor
 from ..parametrization import F82_COSINE, gulbrandsen_to_ior
 
@@ -113,9 +113,7 @@ class Schlick:
         return (material.reflectance(1.0),)
 
     def __call__(self, cos_theta: Any, f0: Any) -> Any:
-        m = 1.0 - cos_theta
-        m2 = m * m
-        return dr.fma(1.0 - f0, m2 * m2 * m, f0)
+        return schlick(f0, cos_theta)
 
 
 class F82:
@@ -123,15 +121,11 @@ class F82:
 
     @staticmethod
     def project(material: Material) -> Sequence[Any]:
-        f0, m = material.reflectance(1.0), 1.0 - F82_COSINE
-        schlick = f0 + (1.0 - f0) * m**5
-        return f0, (schlick - material.reflectance(F82_COSINE)) / (F82_COSINE * m**6)
+        f0 = material.reflectance(1.0)
+        return f0, bend_factor(f0, material.reflectance(F82_COSINE))
 
     def __call__(self, cos_theta: Any, f0: Any, a: Any) -> Any:
-        m = 1.0 - cos_theta
-        m2 = m * m
-        m5 = m2 * m2 * m
-        return dr.fma(1.0 - f0, m5, f0) - a * (cos_theta * m5 * m)
+        return bent_schlick(f0, a, cos_theta)
 
 
 class Decomposition:

@@ -18,7 +18,7 @@ import numpy as np
 
 from .._check import InputError, input_error
 
-__all__ = ["Lookup", "children", "direct", "tabulate"]
+__all__ = ["Lookup", "children", "direct", "stored_values", "tabulate"]
 
 _WAVELENGTHS = np.linspace(360.0, 830.0, 471)  # nm: Mitsuba's range, every nanometre
 
@@ -92,6 +92,33 @@ def children(node: Any) -> dict[str, Any]:
 
     node.traverse(Collect())
     return found
+
+
+def stored_values(texture: Any) -> list[Any]:
+    """Numbers between which all values of a texture lie, as flat arrays without gradients.
+
+    They are read rather than looked up where possible, which is cheap. Of textures whose values
+    are known only at a surface point (mesh attributes, images of colours in spectral variants)
+    there are none.
+    """
+    kind = texture.class_name()
+    if kind == "Checkerboard":
+        fields = children(texture)
+        return stored_values(fields["color0"]) + stored_values(fields["color1"])
+    if kind.startswith("BitmapTexture"):
+        data = mi.traverse(texture)["data"]
+        if mi.is_spectral and data.shape[2] != 1:
+            return []
+        texels = dr.detach(data.array)
+        if dr.is_integral_v(texels):  # an 8-bit image that is kept as such
+            texels = mi.TensorXf(texels).array / 255.0
+        return [texels]
+    if not kind.endswith("Spectrum"):
+        return []
+    if not mi.is_spectral or kind == "UniformSpectrum":
+        return [dr.detach(_evaluate(texture))]
+    covered = np.clip(_WAVELENGTHS, *list(texture.wavelength_range()))
+    return [dr.detach(_evaluate(texture, wavelengths=covered))]
 
 
 def _channels() -> int:

@@ -1,0 +1,32 @@
+"""Schlick's curve and its bent form, written once for arrays, Python floats and shaders."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ._array import multiply_add, one_kind
+from .parametrization import F82_COSINE
+
+__all__ = ["bend_factor", "bent_schlick", "schlick"]
+
+
+def schlick(f0: Any, cos_theta: Any) -> Any:
+    """F0 + (1 - F0)(1 - cos)^5 (Schlick 1994, Eq. 15)."""
+    f0, cos_theta = one_kind(f0, cos_theta)
+    x = 1.0 - cos_theta
+    x2 = x * x
+    return multiply_add(1.0 - f0, x2 * x2 * x, f0)
+
+
+def bent_schlick(f0: Any, a: Any, cos_theta: Any) -> Any:
+    """Schlick's curve less a cos (1 - cos)^6, which is greatest at cos = 1/7 (Hoffman 2019)."""
+    f0, a, cos_theta = one_kind(f0, a, cos_theta)
+    x = 1.0 - cos_theta
+    x2 = x * x
+    return multiply_add(-a, cos_theta * (x2 * x2 * x) * x, schlick(f0, cos_theta))
+
+
+def bend_factor(f0: Any, f82: Any) -> Any:
+    """The `a` that puts the bent curve through `f82` at cos = 1/7."""
+    peak = F82_COSINE * (1.0 - F82_COSINE) ** 6
+    return (schlick(f0, F82_COSINE) - f82) * (1.0 / peak)

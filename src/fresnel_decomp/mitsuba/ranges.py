@@ -1,0 +1,81 @@
+"""What the parameters of the plugin may be, and the check of the textures that give them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from .._check import InputError, input_error
+from .tabulation import stored_values
+
+__all__ = ["check_range", "recording"]
+
+
+_Range = tuple[Callable[[Any], Any], str, str]  # what it contains, in words, advice
+
+_ANY: _Range = (lambda x: True, "finite values", "Check the texture or the spectrum.")
+_ROUGHNESS: _Range = (lambda x: x > 0.0, "finite values > 0", "For a mirror, use 0.001.")
+_RANGES: dict[str, _Range] = {
+    "eta": (lambda x: x > 0.0, "finite values > 0", "Give eta relative to the medium outside."),
+    "k": (
+        lambda x: x >= 0.0,
+        "finite values >= 0",
+        "Negate k if your data follow the convention eta - i k.",
+    ),
+    "r": (
+        lambda x: (x >= 0.0) & (x < 1.0),
+        "values in [0, 1)",
+        "No finite index of refraction reflects everything: where r is 1, as white in an 8-bit "
+        "image, scale it below 1, for instance by 0.99.",
+    ),
+    "g": (lambda x: (x >= 0.0) & (x <= 1.0), "values in [0, 1]", "The edge tint is a fraction."),
+    "alpha": _ROUGHNESS,
+    "alpha_u": _ROUGHNESS,
+    "alpha_v": _ROUGHNESS,
+}
+
+
+def check_range(name: str, texture: Any, zero: bool = False) -> None:
+    """Refuse a texture with values out of the range of the parameter `name`.
+
+    Textures whose values cannot be read when they are set are taken as they are; so are all in
+    code that is only recorded.
+
+    Parameters
+    ----------
+    name : str
+    texture : mi.Texture
+    zero : bool
+        Accept 0 beside what the range has.
+
+    Raises
+    ------
+    InputError
+        With the name, the values and the range.
+    """
+    if recording():
+        return
+    contains, accepted, advice = _RANGES.get(name, _ANY)
+    for values in stored_values(texture):
+        valid = dr.isfinite(values) & contains(values)
+        if not dr.all((valid | (values == 0.0)) if zero else valid):
+            raise _out_of_range(name, np.array(values, np.float64), accepted, advice)
+
+
+def recording() -> bool:
+    """Whether Dr.Jit records code without running it: then there are no values to look at."""
+    return any(dr.flag(flag) for flag in (dr.JitFlag.SymbolicScope, dr.JitFlag.FreezingScope))
+
+
+def _out_of_range(name: str, values: np.ndarray, accepted: str, advice: str) -> InputError:
+    strange = np.count_nonzero(~np.isfinite(values))
+    if np.unique(values).size == 1:
+        given = f"{name}={values[0]:g}"
+    elif strange:
+        given = f"'{name}' with {strange} of {values.size} values that are not finite"
+    else:
+        given = f"'{name}' with values from {values.min():g} to {values.max():g}"
+    return input_error(f"parameter {given}", accepted, advice)
