@@ -217,12 +217,14 @@ def _numerators(
     rows, errors = [], []
     for j, (target, weight) in enumerate(zip(values.T, weights.T, strict=True)):
         fixed = (1.0 - cos_theta) / denominator if j == 0 else 0.0
-        # normal equations: small, and well conditioned in scaled Chebyshev polynomials
+        # normal equations: small, and well conditioned in scaled Chebyshev polynomials unless
+        # a denominator on its way to the optimum is extreme
         weighted = free.T * weight
         gram = weighted @ free
         scale = np.sqrt(np.diag(gram))
         right = weighted @ (target - fixed) / scale
-        solution = np.linalg.solve(gram / np.outer(scale, scale), right) / scale
+        scaled = gram / np.outer(scale, scale)
+        solution = np.linalg.lstsq(scaled, right, rcond=None)[0] / scale
         in_powers = np.polynomial.Chebyshev(solution)(to_powers).coef
         padded = np.pad(in_powers, (0, n - 1 - len(in_powers)))
         rows.append(np.append(1.0 if j == 0 else 0.0, padded))
