@@ -109,7 +109,7 @@ def draw_curves(
 FIGURE = Figure(
     name=NAME,
     title="Talk, Figure 1b: a beryllium curve and render against Schlick's",
-    minutes=0.7,
+    minutes=0.5,
     compute=compute,
     draw=draw,
     pictures=(f"{NAME}.png",),

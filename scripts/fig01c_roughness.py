@@ -58,7 +58,7 @@ def draw(folder: Path, pictures: Path) -> None:
 FIGURE = Figure(
     name=NAME,
     title="Talk, Figure 1c: varying roughness",
-    minutes=1.3,
+    minutes=1.2,
     compute=compute,
     draw=draw,
     pictures=(f"{NAME}.png",),

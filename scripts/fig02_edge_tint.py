@@ -95,7 +95,7 @@ def draw_curves(axes: Any, table: Mapping[str, np.ndarray]) -> None:
 FIGURE = Figure(
     name=NAME,
     title="Talk, Figure 2: edge tint, r = .44, g = (0, 1, 0), alpha = .08",
-    minutes=0.8,
+    minutes=0.6,
     compute=compute,
     draw=draw,
     pictures=(f"{NAME}.png",),

@@ -81,7 +81,7 @@ def draw(folder: Path, pictures: Path) -> None:
 FIGURE = Figure(
     name=NAME,
     title="Shader balls of Cr, Rh and W at alpha = .02, .1 and .3",
-    minutes=3.2,
+    minutes=3.8,
     compute=compute,
     draw=draw,
     pictures=tuple(f"{NAME}_{material}.png" for material in MATERIALS),

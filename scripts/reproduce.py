@@ -2,7 +2,7 @@
 
     python scripts/reproduce.py
     python scripts/reproduce.py --only fig01a fig02
-    python scripts/reproduce.py --quick --out /tmp/figures
+    python scripts/reproduce.py --quick --out out/trial
 
 Interrupt it when you like: finished images are kept, and the same command goes on from them.
 """
