@@ -25,8 +25,9 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from fresnel_decomp import InputError, __version__, doctor, load_basis
+from fresnel_decomp import __version__, doctor, load_basis
 from fresnel_decomp._check import input_error
+from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import replacing, writable_folder, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -371,30 +372,10 @@ def shown(path: Path) -> str:
 def main(command: click.Command, arguments: Sequence[str] | None = None) -> NoReturn:
     """Run a command and exit: 0 done, 1 failed, 2 bad input, 130 interrupted."""
     doctor.prepare()  # before anything imports Dr.Jit
-    code = 0
-    try:
-        command.main(arguments, prog_name=Path(sys.argv[0]).name, standalone_mode=False)
-    except InputError as error:
-        click.echo(f"Error: {error}", err=True)
-        code = 2
-    except click.ClickException as error:
-        error.show()
-        code = error.exit_code
-    except (click.Abort, KeyboardInterrupt):
-        code = 130
-    except RuntimeError as error:
-        # Dr.Jit wraps what ends a render
-        if not isinstance(error.__cause__, KeyboardInterrupt):
-            raise
-        code = 130
-    except (ImportError, OSError) as error:
-        click.echo(f"Error: {error}", err=True)
-        code = 1
-    if code == 130:
-        click.echo(
-            "Interrupted. Finished images are kept: the same command (without --force) goes on "
-            "from them.",
-            err=True,
-        )
-    sys.stdout.flush()
-    sys.exit(code)
+    run_and_exit(
+        command,
+        arguments,
+        Path(sys.argv[0]).name,
+        "Interrupted. Finished images are kept: the same command (without --force) goes on from "
+        "them.",
+    )

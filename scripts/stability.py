@@ -18,7 +18,6 @@ from __future__ import annotations
 import csv
 import io
 import platform
-import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -41,8 +40,9 @@ from _hard_cases import (
     read,
 )
 from _peer_formulas import FORMULAS, Formula
-from fresnel_decomp import InputError, __version__, doctor
+from fresnel_decomp import __version__, doctor
 from fresnel_decomp._check import input_error
+from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import write_json, write_text
 from fresnel_decomp.report import style
 
@@ -574,22 +574,7 @@ def report(results: Sequence[Result]) -> str:
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run and exit: 0 done, 1 failed, 2 bad input, 130 interrupted."""
     doctor.prepare()  # before anything imports Dr.Jit
-    code = 0
-    try:
-        stability.main(arguments, prog_name="stability.py", standalone_mode=False)
-    except InputError as error:
-        click.echo(f"Error: {error}", err=True)
-        code = 2
-    except click.ClickException as error:
-        error.show()
-        code = error.exit_code
-    except (click.Abort, KeyboardInterrupt):
-        click.echo("Interrupted; nothing was written.", err=True)
-        code = 130
-    except (ImportError, OSError) as error:
-        click.echo(f"Error: {error}", err=True)
-        code = 1
-    sys.exit(code)
+    run_and_exit(stability, arguments, "stability.py", "Interrupted; nothing was written.")
 
 
 if __name__ == "__main__":

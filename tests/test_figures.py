@@ -161,23 +161,24 @@ def test_drawing_needs_finished_data(
 def test_interrupted_figure_goes_on(
     wrapped: bool, reproduce: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
-    from fresnel_decomp.mitsuba import comparison
+    import mitsuba as mi
 
+    mi.set_variant("scalar_rgb")
     arguments = ("--quick", "--only", "fig02", "--variant", "scalar_rgb", "--out", tmp_path)
     folder = tmp_path / "fig02_edge_tint"
-    render_scene = comparison.render_scene
+    render = mi.render
     rendered: list[int] = []
 
-    def render_until_interrupted(*parameters: Any) -> Any:
+    def render_until_interrupted(*parameters: Any, **options: Any) -> Any:
         if len(rendered) == 1:
             if wrapped:  # what Dr.Jit makes of it during a render
                 raise RuntimeError("error in drjit.custom") from KeyboardInterrupt()
             raise KeyboardInterrupt
         rendered.append(1)
-        return render_scene(*parameters)
+        return render(*parameters, **options)
 
     with monkeypatch.context() as patch:
-        patch.setattr(comparison, "render_scene", render_until_interrupted)
+        patch.setattr(mi, "render", render_until_interrupted)
         assert reproduce(*arguments) == 130
     assert "goes on" in capsys.readouterr().err
     assert files(folder) == {"curves.csv", "edge_exact.exr"}  # whole files, no sidecar

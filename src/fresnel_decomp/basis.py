@@ -383,8 +383,8 @@ def _evaluated(eta: Any, k: Any) -> tuple[np.ndarray, np.ndarray] | None:
     assert dr is not None
     if dr.flag(dr.JitFlag.SymbolicScope):
         return None
-    values = (np.array(dr.detach(v), np.float64) for v in (eta + 0.0 * k, k + 0.0 * eta))
-    return tuple(values)  # type: ignore[return-value]
+    eta, k = (np.array(dr.detach(v), np.float64) for v in (eta + 0.0 * k, k + 0.0 * eta))
+    return eta, k
 
 
 def _check_indices(eta: np.ndarray, k: np.ndarray) -> None:

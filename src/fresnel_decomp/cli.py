@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from ._check import InputError, input_error
+from ._check import input_error
+from ._command import run_and_exit
 from ._version import __version__
 
 if TYPE_CHECKING:
@@ -336,20 +337,4 @@ def _is_number_list(text: str) -> bool:
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command and exit; errors are one message on stderr, without a traceback."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    try:
-        cli.main(_join_numbers(given), prog_name="fresnel-decomp", standalone_mode=False)
-        code = 0
-    except InputError as error:
-        click.echo(f"Error: {error}", err=True)
-        code = 2
-    except click.ClickException as error:
-        error.show()
-        code = error.exit_code
-    except (click.Abort, KeyboardInterrupt):
-        click.echo("Interrupted.", err=True)
-        code = 130
-    except (ImportError, OSError) as error:
-        click.echo(f"Error: {error}", err=True)
-        code = 1
-    sys.stdout.flush()
-    sys.exit(code)
+    run_and_exit(cli, _join_numbers(given), "fresnel-decomp")

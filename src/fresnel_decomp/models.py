@@ -51,7 +51,13 @@ class Model(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Exact:
-    """The Fresnel equations of a conductor or dielectric; see `fresnel.conductor`."""
+    """The Fresnel equations of a conductor or dielectric; see `fresnel.conductor`.
+
+    Attributes
+    ----------
+    eta, k : (...) float, eta > 0, k >= 0
+    precision : {"wide", "native"}
+    """
 
     name: ClassVar[str] = "exact"
     eta: Any
@@ -71,6 +77,10 @@ class Schlick:
     """F0 + (1 - F0)(1 - cos)^5 (Schlick 1994, Eq. 15), from the reflectance at normal incidence.
 
     With the exact F0 it is the same function as the base form of Lazanyi and Szirmay-Kalos.
+
+    Attributes
+    ----------
+    f0 : (...) float, in [0, 1] for a reflectance; colours may leave it
     """
 
     name: ClassVar[str] = "schlick"
@@ -90,6 +100,12 @@ class Lazanyi:
 
     Lazanyi and Szirmay-Kalos 2005, "Fresnel Term Approximations for Metals": the correction peaks
     at cos = 1 / (exponent + 1), which is put where Schlick's curve errs most.
+
+    Attributes
+    ----------
+    f0 : (...) float
+    a : (...) float, factor of the correction
+    exponent : (...) float > 1
     """
 
     name: ClassVar[str] = "lazanyi"
@@ -147,6 +163,10 @@ class F82:
     Hoffman 2019, "Fresnel Equations Considered Harmful": Lazanyi's correction with exponent 6,
     whose peak is at 1/7. Stored by value; `from_tint` takes the factor on Schlick's value there
     (1 changes nothing) that Kutz et al. 2021 and OpenPBR use.
+
+    Attributes
+    ----------
+    f0, f82 : (...) float, reflectances at normal incidence and at cos = 1/7
     """
 
     name: ClassVar[str] = "f82"
@@ -177,7 +197,13 @@ class F82:
 
 @dataclass(frozen=True, eq=False)
 class Gulbrandsen:
-    """The exact equations from reflectivity r and edge tint g (Gulbrandsen 2014)."""
+    """The exact equations from reflectivity r and edge tint g (Gulbrandsen 2014).
+
+    Attributes
+    ----------
+    r : (...) float in [0, 1)
+    g : (...) float in [0, 1]
+    """
 
     name: ClassVar[str] = "gulbrandsen"
     r: Any
