@@ -15,6 +15,7 @@ from ._version import __version__
 if TYPE_CHECKING:
     from ._check import InputError
     from .basis import Basis, FitError, extract_basis, load_basis
+    from .basis_table import BasisTable
     from .closed_form import ClosedForm
     from .colour import delta_e_2000, linear_to_srgb, rgb_weights
     from .curves import CurveSet
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "_check": ["InputError"],
     "basis": ["Basis", "FitError", "extract_basis", "load_basis"],
+    "basis_table": ["BasisTable"],
     "closed_form": ["ClosedForm"],
     "colour": ["delta_e_2000", "linear_to_srgb", "rgb_weights"],
     "curves": ["CurveSet"],
@@ -75,6 +77,7 @@ __all__ = [
     "F82",
     "RECIPES",
     "Basis",
+    "BasisTable",
     "ClosedForm",
     "CurveSet",
     "Decomposition",
