@@ -14,6 +14,7 @@ from ._version import __version__
 
 if TYPE_CHECKING:
     from ._check import InputError
+    from .albedo import directional_albedo
     from .basis import Basis, FitError, extract_basis, load_basis
     from .closed_form import ClosedForm
     from .colour import delta_e_2000, linear_to_srgb, rgb_weights
@@ -35,9 +36,11 @@ if TYPE_CHECKING:
         ior_to_gulbrandsen,
     )
     from .spectra import Material, list_materials, load_material
+    from .table import AlbedoTable
 
 _HOMES = {
     "_check": ["InputError"],
+    "albedo": ["directional_albedo"],
     "basis": ["Basis", "FitError", "extract_basis", "load_basis"],
     "closed_form": ["ClosedForm"],
     "colour": ["delta_e_2000", "linear_to_srgb", "rgb_weights"],
@@ -67,13 +70,15 @@ _HOMES = {
         "ior_to_gulbrandsen",
     ],
     "spectra": ["Material", "list_materials", "load_material"],
+    "table": ["AlbedoTable"],
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
-_SUBMODULES = {"doctor", "images", "mitsuba", *_HOMES} - {"_check"}
+_SUBMODULES = {"doctor", "images", "microfacet", "mitsuba", *_HOMES} - {"_check"}
 
 __all__ = [
     "F82",
     "RECIPES",
+    "AlbedoTable",
     "Basis",
     "ClosedForm",
     "CurveSet",
@@ -89,6 +94,7 @@ __all__ = [
     "conductor",
     "delta_e_2000",
     "dielectric",
+    "directional_albedo",
     "extract_basis",
     "f0_from_ior",
     "f82_from_ior",
