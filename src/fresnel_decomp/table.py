@@ -220,14 +220,14 @@ class AlbedoTable:
         options: dict[str, Any] = {
             "smith": smith,
             "distribution": distribution,
-            "quadrature": (16, 20),
+            "quadrature": (16, 16),
         }
         if float_type is None:
             values = directional_albedo(curves, mu, alpha, **options)
         else:
             on_device = (float_type(v.ravel().astype(np.float32)) for v in (mu, alpha))
             functions = directional_albedo(curves.on(float_type), *on_device, **options)
-            values = np.stack([np.array(v) for v in functions], -1).reshape(*mu.shape, -1)
+            values = np.stack(_evaluated(functions), axis=-1).reshape(*mu.shape, -1)
         metadata = {"basis": _described(basis), "versions": {"fresnel_decomp": __version__}}
         return cls(values, layout, smith, distribution, metadata)
 
@@ -307,6 +307,14 @@ class AlbedoTable:
         if kind not in cache:
             cache[kind] = [_constant(kind, plane) for plane in np.moveaxis(self.values, 2, 0)]
         return cache[kind]
+
+
+def _evaluated(functions: tuple[Any, ...]) -> list[np.ndarray]:
+    """Dr.Jit arrays as NumPy arrays, by one kernel."""
+    dr = drjit_module()
+    assert dr is not None
+    dr.eval(functions)
+    return [np.array(values) for values in functions]
 
 
 def _constant(kind: Any, values: np.ndarray) -> Any:
