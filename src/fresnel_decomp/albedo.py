@@ -342,7 +342,6 @@ def _on_drjit(f: Fresnel, mu: Any, alpha: Any, smith: str, shape: Shape, nodes: 
         columns = [_copied(dr, result, column) for column in np.array(rows).T]
         index = dr.uint32_array_t(result)
 
-
         def body(i: Any, view: tuple[Any, ...], totals: tuple[Any, ...]) -> tuple[Any, ...]:
             row = [dr.gather(result, column, i) for column in columns]
             return i + 1, view, add(totals, _View(*view), row)
