@@ -14,6 +14,7 @@ from ._version import __version__
 
 if TYPE_CHECKING:
     from ._check import InputError
+    from .albedo import directional_albedo
     from .basis import Basis, FitError, extract_basis, load_basis
     from .basis_table import BasisTable
     from .closed_form import ClosedForm
@@ -36,9 +37,11 @@ if TYPE_CHECKING:
         ior_to_gulbrandsen,
     )
     from .spectra import Material, list_materials, load_material
+    from .table import AlbedoTable
 
 _HOMES = {
     "_check": ["InputError"],
+    "albedo": ["directional_albedo"],
     "basis": ["Basis", "FitError", "extract_basis", "load_basis"],
     "basis_table": ["BasisTable"],
     "closed_form": ["ClosedForm"],
@@ -69,13 +72,15 @@ _HOMES = {
         "ior_to_gulbrandsen",
     ],
     "spectra": ["Material", "list_materials", "load_material"],
+    "table": ["AlbedoTable"],
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
-_SUBMODULES = {"doctor", "images", "mitsuba", *_HOMES} - {"_check"}
+_SUBMODULES = {"doctor", "images", "microfacet", "mitsuba", *_HOMES} - {"_check"}
 
 __all__ = [
     "F82",
     "RECIPES",
+    "AlbedoTable",
     "Basis",
     "BasisTable",
     "ClosedForm",
@@ -92,6 +97,7 @@ __all__ = [
     "conductor",
     "delta_e_2000",
     "dielectric",
+    "directional_albedo",
     "extract_basis",
     "f0_from_ior",
     "f82_from_ior",

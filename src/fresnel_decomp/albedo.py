@@ -1,0 +1,392 @@
+r"""Directional albedo: what a rough surface reflects of uniform light, for any Fresnel function.
+
+    Fbar(mu, alpha) = ∫ F(wo·h) G2(wi, wo) D(h) / (4 mu) d omega_i
+
+is the preintegration of the talk (Belcour, Bati and Barla 2020, Eq. 2, which already contains the
+cosine of the incident light). It is linear in F, so a basis is integrated once and for all.
+
+With slopes t (cos phi, sin phi) of the microfacets in units of alpha, P the density of slopes at
+roughness 1, and q = s cos phi, s² = 1 - mu², it reads
+
+    Fbar = 1/sigma(mu) ∫∫ F G' (alpha q t + mu) P(t) t dt dphi,   G' = G2 / G1(wo),
+
+where sigma is finite at mu = 0 (see `microfacet`). Light comes from above the surface for
+t <= t*(phi), in closed form and without cancellation
+
+    t* = p / (alpha mu) if q >= 0, else mu / (alpha p),   p = |q| + sqrt(q² + mu²)
+
+so that the integrand is smooth up to its limits and Gauss rules converge exponentially. Their nodes
+are spread by two changes of variable, for what happens at small mu and small alpha: the limit t*
+jumps at phi = pi/2 over a width of mu, and GGX reaches grazing microfacets only within alpha of its
+last angle.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ._array import DrJitOps, Ops, drjit_module, floating_type, is_drjit, one_kind, ops_for
+from ._check import choose, input_error
+from .microfacet import (
+    SMITH,
+    Distribution,
+    Shape,
+    Smith,
+    _shadowing,
+    _shape,
+)
+
+__all__ = [
+    "QUADRATURE",
+    "TWO_PANELS",
+    "Quadrature",
+    "average_albedo",
+    "average_fresnel",
+    "directional_albedo",
+]
+
+Fresnel = Callable[[Any], Any]
+
+
+class Quadrature(NamedTuple):
+    """Numbers of Gauss nodes in azimuth, on [0, pi], and in the slope.
+
+    From `TWO_PANELS` on, the azimuth has one rule on either side of pi/2, which converges
+    exponentially even where the integrand has a kink there; below, one rule over both is better.
+    """
+
+    azimuth: int
+    slope: int
+
+
+TWO_PANELS = 24
+SMOOTH = 1e-18
+GROUP = 4
+
+QUADRATURE = Quadrature(32, 24)
+"""By default: largest error of a basis 1e-6, over 64 x 64 texels (`scripts/bench_table.py`)."""
+
+
+def directional_albedo(
+    f: Fresnel,
+    mu: Any,
+    alpha: Any,
+    *,
+    smith: Smith = "separable",
+    distribution: Distribution = "ggx",
+    quadrature: tuple[int, int] | None = None,
+) -> Any:
+    """Integral of a Fresnel function over the reflection of a rough surface.
+
+    Parameters
+    ----------
+    f : callable
+        Reflectance from cosines in [0, 1]: a model, a basis, or `lambda c: conductor(c, eta, k)`.
+        NumPy: from (m, ...) to (m, ...) or (m, ..., n), where (...) is the shape of mu and alpha,
+        so that parameters of f broadcast against these. Dr.Jit: from an array to an array or a
+        tuple of arrays.
+    mu : (...) float in [0, 1]
+        Cosine of the view direction.
+    alpha : (...) float >= 0
+        Roughness as the distributions have it, the square of perceptual roughness.
+    smith : {"separable", "correlated"}
+    distribution : {"ggx", "beckmann"}
+    quadrature : pair of int, optional
+        Nodes in azimuth and slope, see `QUADRATURE`.
+
+    Returns
+    -------
+    (...) or (..., n) float, for Dr.Jit an array or a tuple of them: differentiable in mu, in
+    alpha and in what f depends on. At alpha = 0 it is f(mu), at mu = 0 the limit. NumPy computes in
+    float64, Dr.Jit in the type of mu and alpha.
+
+    Raises
+    ------
+    InputError
+        For scalars out of range. In arrays mu is clamped, and NaN or a negative alpha gives NaN.
+
+    Examples
+    --------
+    >>> import math
+    >>> from fresnel_decomp import directional_albedo
+    >>> white = directional_albedo(lambda cos_theta: 1.0 + 0.0 * cos_theta, 1.0, 1.0)
+    >>> abs(white - (1.0 - math.log(2.0))) < 1e-6  # exact for separable GGX at normal incidence
+    True
+    """
+    shape = _shape(distribution)
+    choose("smith", smith, SMITH)
+    nodes = _nodes(*_checked(quadrature))
+    mu, alpha = one_kind(mu, alpha)
+    for name, value in (("mu", mu), ("alpha", alpha)):
+        _check_scalar(name, value)
+    if is_drjit(mu, alpha):
+        return _on_drjit(f, mu, alpha, smith, shape, nodes)
+    return _on_numpy(f, mu, alpha, smith, shape, nodes)
+
+
+def average_fresnel(f: Fresnel, nodes: int = 64) -> Any:
+    """Cosine-weighted average 2 ∫ f(mu) mu dmu over the hemisphere.
+
+    Parameters
+    ----------
+    f : callable from (m,) cosines to (m,) or (m, n) values
+
+    Returns
+    -------
+    float or (n,) float64
+
+    Examples
+    --------
+    >>> from fresnel_decomp import load_basis
+    >>> from fresnel_decomp.albedo import average_fresnel
+    >>> average_fresnel(load_basis()).round(4)
+    array([ 1.    ,  0.0444, -0.0206, -0.0014])
+    """
+    root, weight = _unit_gauss(nodes)
+    mu = root * root  # dense at grazing angles, where Fresnel functions bend
+    values = np.asarray(f(mu))
+    return np.tensordot(4.0 * weight * root**3, values, 1)[()]
+
+
+def average_albedo(
+    f: Fresnel,
+    alpha: Any,
+    *,
+    smith: Smith = "separable",
+    distribution: Distribution = "ggx",
+    nodes: int = 32,
+) -> Any:
+    """Hemispherical albedo 2 ∫ Fbar(mu, alpha) mu dmu: what is reflected of uniform light in all.
+
+    Parameters
+    ----------
+    f, smith, distribution
+        As for `directional_albedo`.
+    alpha : (...) float >= 0
+    nodes : int
+        In mu.
+
+    Returns
+    -------
+    (...) or (..., n) float64; NumPy only
+    """
+    root, weight = _unit_gauss(nodes)
+    alpha = np.asarray(alpha, np.float64)
+    mu = (root * root).reshape(-1, *(1,) * alpha.ndim)
+    mu = np.broadcast_to(mu, (nodes, *alpha.shape))
+    values = directional_albedo(f, mu, alpha, smith=smith, distribution=distribution)
+    return np.tensordot(4.0 * weight * root**3, values, 1)[()]
+
+
+# --- the rule ------------------------------------------------------------------------------------
+
+
+class _Nodes(NamedTuple):
+    """Gauss nodes and weights: u in [-1, 1] for the azimuth, w in [0, 1] for the slope."""
+
+    width: float  # that the change of variable in azimuth resolves
+    u: np.ndarray
+    u_weight: np.ndarray
+    w: np.ndarray
+    w_weight: np.ndarray
+
+
+@functools.cache
+def _unit_gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss-Legendre nodes and weights on [0, 1]."""
+    x, weight = np.polynomial.legendre.leggauss(count)
+    return 0.5 * (x + 1.0), 0.5 * weight
+
+
+@functools.cache
+def _nodes(azimuth: int, slope: int) -> _Nodes:
+    if azimuth < TWO_PANELS:
+        u, u_weight = _unit_gauss(azimuth)
+        return _Nodes(0.025, 2.0 * u - 1.0, 2.0 * u_weight, *_unit_gauss(slope))
+    half, weight = _unit_gauss(azimuth // 2)
+    u, u_weight = np.append(-half[::-1], half), np.append(weight[::-1], weight)
+    return _Nodes(0.1, u, u_weight, *_unit_gauss(slope))
+
+
+def _checked(quadrature: tuple[int, int] | None) -> tuple[int, int]:
+    azimuth, slope = quadrature or QUADRATURE
+    if not (2 <= azimuth <= 512 and 2 <= slope <= 512) or azimuth % 2:
+        raise input_error(
+            f"quadrature={(azimuth, slope)}",
+            "numbers of nodes from 2 to 512, the first one even",
+            f"The default is {tuple(QUADRATURE)}.",
+        )
+    return azimuth, slope
+
+
+class _View(NamedTuple):
+    """What depends on the view and the roughness alone."""
+
+    mu: Any
+    alpha: Any
+    sine: Any
+    area: Any  # sigma(mu)
+    masking: Any  # G1(mu)
+    width: Any  # of the change of variable in azimuth
+    stretch: Any
+    edge: Any  # of that in the slope
+
+
+def _view(ops: Ops, shape: Shape, mu: Any, alpha: Any, least_width: float, tiny: float) -> _View:
+    # Added, not clamped: derivatives pass. At mu = 0 the limit is meant, and at mu = 1 sine has an
+    # infinite derivative, of which F depends on the even part only.
+    mu = mu + 1e-18
+    sine = ops.sqrt((1.0 - mu) * (1.0 + mu) + tiny)
+    plain_mu, plain_alpha = ops.detach(mu), ops.detach(alpha)
+    width = ops.maximum(plain_mu, least_width)
+    stretch = ops.arcsinh(0.5 * math.pi / width)
+    edge = ops.maximum(2.0 * plain_alpha, 1e-4)
+    area = shape.projected_area(ops, mu, alpha)
+    return _View(mu, alpha, sine, area, mu / area, width, stretch, edge)
+
+
+def _azimuth(ops: Ops, shape: Shape, view: _View, u: Any, weight: Any) -> tuple[Any, ...]:
+    """(alpha q, weight, range of slopes) at a node, q = s cos phi."""
+    wave = ops.sinh(view.stretch * u)
+    q = -view.sine * ops.sin(view.width * wave)  # phi = pi/2 + width sinh(stretch u)
+    weight = weight * (2.0 * view.width * view.stretch / view.area) * ops.sqrt(1.0 + wave * wave)
+    p = ops.abs(q) + ops.sqrt(q * q + view.mu * view.mu)
+    forward = u < 0.0
+    numerator = ops.select(forward, p, view.mu)
+    denominator = view.alpha * ops.select(forward, view.mu, p)
+    limits = shape.slope_range(ops, numerator, denominator, view.edge)
+    return view.alpha * q, weight, limits
+
+
+def _reflection(
+    ops: Ops, shape: Shape, smith: str, view: _View, azimuth: tuple[Any, ...], w: Any
+) -> tuple[Any, Any]:
+    """(wo·h, weight) at a node; the sum over nodes of weight times F is the albedo."""
+    alpha_q, azimuth_weight, limits = azimuth
+    across, along, weight = shape.slope_node(ops, limits, w)
+    # h is (alpha across (cos phi, sin phi), along) / length
+    visible = alpha_q * across + view.mu * along
+    tilted = view.alpha * across
+    inverse = 1.0 / ops.sqrt(tilted * tilted + along * along)
+    cos_d = ops.minimum(ops.maximum(visible * inverse, 0.0), 1.0)
+    cos_i = 2.0 * cos_d * (along * inverse) - view.mu
+    cos_i = ops.minimum(ops.maximum(cos_i, 1e-15), 1.0)  # what is divided by must not underflow
+    seen = _shadowing(ops, shape, smith, cos_i, view.alpha, view.masking)
+    return cos_d, seen * visible * (weight * azimuth_weight)
+
+
+def _on_numpy(f: Fresnel, mu: Any, alpha: Any, smith: str, shape: Shape, nodes: _Nodes) -> Any:
+    result_type = floating_type(mu, alpha)
+    plain = not any(isinstance(value, np.generic | np.ndarray) for value in (mu, alpha))
+    mu, alpha = np.broadcast_arrays(np.asarray(mu, np.float64), np.asarray(alpha, np.float64))
+    valid = ~np.isnan(mu) & (alpha >= 0.0) & (alpha < np.inf)
+    smooth = alpha < SMOOTH
+    ops = ops_for()
+    mu, alpha = np.clip(mu, 0.0, 1.0), np.where(valid & ~smooth, alpha, 1.0)
+    view = _view(ops, shape, np.where(valid, mu, 1.0), alpha, nodes.width, 1e-14)
+    w, w_weight = (column.reshape(-1, *(1,) * mu.ndim) for column in (nodes.w, nodes.w_weight))
+    total: Any = 0.0
+    for u, u_weight in zip(nodes.u, nodes.u_weight, strict=True):
+        azimuth = _azimuth(ops, shape, view, u, u_weight)
+        cos_d, weight = _reflection(ops, shape, smith, view, azimuth, w)
+        weight = weight * w_weight
+        values = np.asarray(f(cos_d))
+        vector = values.ndim > weight.ndim
+        total = total + ((weight[..., None] if vector else weight) * values).sum(axis=0)
+    if np.any(smooth):
+        mirror = np.asarray(f(mu[None]))[0]
+        total = np.where(smooth[..., None] if vector else smooth, mirror, total)
+    total = np.where(valid[..., None] if vector else valid, total, np.nan)
+    if total.ndim == 0:
+        return float(total) if plain else total.astype(result_type)[()]
+    return total.astype(result_type)
+
+
+def _on_drjit(f: Fresnel, mu: Any, alpha: Any, smith: str, shape: Shape, nodes: _Nodes) -> Any:
+    dr = drjit_module()
+    assert dr is not None
+    ops = DrJitOps()
+    result = type(mu * 0.0 + alpha * 0.0)
+    mu, alpha = result(mu), result(alpha)
+    valid = ~dr.isnan(mu) & (alpha >= 0.0) & (alpha < dr.inf)
+    double = dr.type_v(result) == dr.VarType.Float64
+    smooth = alpha < SMOOTH
+    mu, alpha = _clamped(dr, mu), dr.select(valid & ~smooth, alpha, 1.0)
+    view = _view(ops, shape, mu, alpha, nodes.width, 1e-12 if double else 1e-6)
+    # A loop over groups of nodes is recorded. Those of a group share an azimuth and are unrolled:
+    # processors work on them side by side, but compilers take their time.
+    group = next(size for size in (GROUP, 3, 2, 1) if len(nodes.w) % size == 0)
+    rows = [
+        (u, u_weight, *nodes.w[start : start + group], *nodes.w_weight[start : start + group])
+        for u, u_weight in zip(nodes.u, nodes.u_weight, strict=True)
+        for start in range(0, len(nodes.w), group)
+    ]
+
+    def add(totals: tuple[Any, ...], view: _View, row: Sequence[Any]) -> tuple[Any, ...]:
+        azimuth = _azimuth(ops, shape, view, row[0], row[1])
+        for w, w_weight in zip(row[2 : 2 + group], row[2 + group :], strict=True):
+            cos_d, weight = _reflection(ops, shape, smith, view, azimuth, w)
+            weight = weight * w_weight
+            values = _as_tuple(f(cos_d))
+            totals = tuple(dr.fma(weight, v, t) for v, t in zip(values, totals, strict=True))
+        return totals
+
+    mirror = f(mu)
+    total = tuple(dr.detach(0.0 * value + 0.0 * (mu + alpha)) for value in _as_tuple(mirror))
+    if dr.is_jit_v(result):
+        columns = [_copied(dr, result, column) for column in np.array(rows).T]
+        index = dr.uint32_array_t(result)
+
+        def body(i: Any, view: tuple[Any, ...], totals: tuple[Any, ...]) -> tuple[Any, ...]:
+            row = [dr.gather(result, column, i) for column in columns]
+            return i + 1, view, add(totals, _View(*view), row)
+
+        # the view is part of the state, since derivatives of what a loop captures are fragile
+        *_, total = dr.while_loop(
+            (index(0), tuple(view), total),
+            lambda i, view, totals: i < len(rows),
+            body,
+            max_iterations=-1,
+            label="directional albedo",
+        )
+    else:
+        for row in rows:
+            total = add(total, view, [float(value) for value in row])
+    total = tuple(
+        dr.select(valid, dr.select(smooth, reflected, value), dr.nan)
+        for reflected, value in zip(_as_tuple(mirror), total, strict=True)
+    )
+    return total if isinstance(mirror, tuple | list) else total[0]
+
+
+def _as_tuple(values: Any) -> tuple[Any, ...]:
+    return tuple(values) if isinstance(values, tuple | list) else (values,)
+
+
+def _clamped(dr: Any, value: Any) -> Any:
+    """`value` in [0, 1]; dr.clip would have no derivative at the ends."""
+    return dr.select(value < 0.0, 0.0, dr.select(value > 1.0, 1.0, value))
+
+
+def _copied(dr: Any, kind: Any, column: np.ndarray) -> Any:
+    """A NumPy array in memory of Dr.Jit: mapped arrays recompile by accidental alignment."""
+    copy = kind(column) + dr.opaque(kind, 0.0)
+    dr.eval(copy)
+    return copy
+
+
+def _check_scalar(name: str, value: Any) -> None:
+    if is_drjit(value) or np.ndim(value):
+        return
+    upper = 1.0 if name == "mu" else math.inf
+    if not (0.0 <= value <= upper and math.isfinite(value)):
+        raise input_error(
+            f"{name}={value:g}",
+            "a cosine in [0, 1]" if name == "mu" else "a finite number >= 0",
+            "Arrays may hold any value: mu is clamped there, a bad alpha gives NaN.",
+        )
