@@ -55,7 +55,7 @@ class DecomposedConductor:
     fresnel : {"decomposition", "exact", "schlick", "f82"}
         Fresnel term (default "decomposition"). "exact" needs `material`, (eta, k) or (r, g).
     recipe, terms : str, int
-        The basis, see `load_basis` (default "talk", 4).
+        The basis, see `load_basis` (default "talk", 4); `recipe` may be the path of a file.
     distribution : {"beckmann", "ggx"}
         Distribution of microfacet normals (default "beckmann", as for `roughconductor`).
     alpha, or alpha_u and alpha_v : float or texture > 0
@@ -122,7 +122,10 @@ class DecomposedConductor:
         self.m_components = [flags]
 
     def _set_material(self, props: Any, fresnel: str) -> None:
-        recipe, terms = str(props.get("recipe", "talk")), int(props.get("terms", 4))
+        recipe, terms = str(props.get("recipe", "talk")), int(props.get("terms", 0)) or None
+        if recipe.endswith(".json"):  # relative to the scene file
+            recipe = str(mi.file_resolver().resolve(recipe))
+        terms = load_basis(recipe, terms).terms
         kind, names = parameter_set(list(props.keys()), terms)
         if fresnel == "exact" and kind in ("nodes", "coefficients"):
             raise input_error(
