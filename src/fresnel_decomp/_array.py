@@ -58,8 +58,14 @@ class Ops:
     erfinv: Callable[..., Any]
     arccos: Callable[..., Any]
     arctan2: Callable[..., Any]
-    sinh: Callable[..., Any]
-    arcsinh: Callable[..., Any]
+
+    def sinh(self, x: Any) -> Any:
+        """Hyperbolic sine."""
+        return np.sinh(x)
+
+    def arcsinh(self, x: Any) -> Any:
+        """Its inverse, for x >= 0."""
+        return np.arcsinh(x)
 
     def sincos(self, x: Any) -> tuple[Any, Any]:
         """Both at once, which Dr.Jit computes at little more than the cost of one."""
@@ -83,7 +89,6 @@ class NumPyOps(Ops):
         self.minimum, self.maximum, self.select = np.minimum, np.maximum, np.where
         self.sin, self.cos, self.exp = np.sin, np.cos, np.exp
         self.arccos, self.arctan2 = np.arccos, np.arctan2
-        self.sinh, self.arcsinh = np.sinh, np.arcsinh
         self.erf, self.erfinv = _from_scipy("erf"), _from_scipy("erfinv")
 
     def two_product(self, a: Any, b: Any) -> tuple[Any, Any]:
@@ -127,7 +132,15 @@ class DrJitOps(Ops):
         self.sin, self.cos, self.exp = dr.sin, dr.cos, dr.exp
         self.erf, self.erfinv = dr.erf, dr.erfinv
         self.arccos, self.arctan2 = dr.acos, dr.atan2
-        self.sinh, self.arcsinh = dr.sinh, dr.asinh
+
+    # `dr.sinh` and `dr.asinh` fail for scalar arrays; these are right to a rounding of 1
+
+    def sinh(self, x: Any) -> Any:
+        grown = self.dr.exp(x)
+        return 0.5 * (grown - 1.0 / grown)
+
+    def arcsinh(self, x: Any) -> Any:
+        return self.dr.log(x + self.dr.sqrt(self.dr.fma(x, x, 1.0)))
 
     def sincos(self, x: Any) -> tuple[Any, Any]:
         return self.dr.sincos(x)

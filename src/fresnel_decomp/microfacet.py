@@ -349,9 +349,7 @@ class _Beckmann:
         return ops.exp(-square) / math.pi
 
     def projected_area(self, ops: Ops, c: Any, alpha: Any) -> Any:
-        few, ratio, spread = self._spread(ops, c, alpha)
-        tail = ops.exp(-ratio * ratio) / (2.0 * math.sqrt(math.pi))
-        return ops.select(few, 0.5 * c * (1.0 + ops.erf(ratio)) + spread * tail, c)
+        return c + self.hidden_area(ops, c, alpha)  # and so never below c
 
     def hidden_area(self, ops: Ops, c: Any, alpha: Any) -> Any:
         few, ratio, spread = self._spread(ops, c, alpha)
@@ -393,7 +391,7 @@ class _Beckmann:
             low, high = ops.select(value < 0.0, e, low), ops.select(value < 0.0, high, e)
             slope = half * (z + sine * s)
             step = e - value / ops.select(slope > 0.0, slope, 1.0)
-            inside = (slope > 0.0) & (step > low) & (step < high)
+            inside = (slope > 0.0) & (step >= low) & (step <= high)
             e = ops.select(inside, step, 0.5 * (low + high))
         s, across = ops.erfinv(e), ops.erfinv(ops.minimum(2.0 * u2 - 1.0, 1.0 - 1e-7))
         along_x = ops.select(steep, x / ops.select(steep, sine, 1.0), 1.0)
@@ -414,7 +412,8 @@ def _shadowing(ops: Ops, shape: Shape, smith: str, c_i: Any, alpha: Any, masking
     else:
         total = c_i + masking_o * shape.hidden_area(ops, c_i, alpha)
     dark = total == 0.0
-    return ops.select(dark, ops.select(alpha > 0.0, 0.0, 1.0), c_i / ops.select(dark, 1.0, total))
+    lit = ops.select(dark & (alpha == 0.0), 1.0, c_i)
+    return lit / ops.select(dark, 1.0, total)
 
 
 def _shape(distribution: str) -> Shape:

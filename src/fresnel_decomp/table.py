@@ -129,7 +129,7 @@ class AlbedoTable:
         InputError
             For unknown options or sizes.
         """
-        width, height = (size, size) if isinstance(size, int) else size
+        width, height = _width_and_height(size)
         layout = Layout(width, height, mu_axis, alpha_axis, addressing)
         options: dict[str, Any] = {"smith": smith, "distribution": distribution}
         values = _integrate(basis, layout, {**options, "quadrature": quadrature}, float_type)
@@ -305,6 +305,14 @@ def _integrate(
     functions = directional_albedo(curves.on(float_type), *arguments, **options)
     dr.eval(functions)  # at once: converted one by one, they would be computed one by one
     return np.stack([np.array(v) for v in functions], axis=-1).reshape(*mu.shape, -1)
+
+
+def _width_and_height(size: Any) -> tuple[int, int]:
+    if isinstance(size, int):
+        return size, size
+    if not isinstance(size, tuple | list) or len(size) != 2:
+        raise input_error(f"size={size!r}", "an int, or (width, height)", "64 is enough.")
+    return size[0], size[1]
 
 
 def _described(basis: Any) -> dict[str, Any]:

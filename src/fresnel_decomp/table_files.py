@@ -119,7 +119,7 @@ def _read_exr(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
 
 def _read_npz(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             if not {"values", "metadata"} <= set(file.files):
                 raise _not_a_table(path, f"arrays {', '.join(file.files)}")
             values, text = file["values"], str(file["metadata"])
