@@ -6,10 +6,6 @@ each of them takes. All decompositions of a plan share one basis, since an engin
 shipped one, or one extracted for just these surfaces where that needs fewer terms. Cost is the
 number of floating-point operations of an evaluation, which `mitsuba.operations` counts in kernels.
 
-The predicted error of a surface is the largest over the angle of view. A smooth surface, or one
-that a point light illuminates, shows its reflectance at single angles, so this is the largest error
-of the curve. Light from everywhere is averaged over the lobe of normals, and so is the error (its
-absolute value, weighted by what the lobe reflects): rough surfaces under an environment need less.
 """
 
 from __future__ import annotations
@@ -22,95 +18,18 @@ from typing import Any, Literal
 import numpy as np
 
 from ._check import InputError, choose, input_error
+from .albedo import directional_albedo
 from .basis import Basis, extract_basis, load_basis
-from .colour import WAVELENGTH_NM, delta_e_2000, rgb_weights
-from .curves import CurveSet, error_cosines
+from .curves import CurveSet
 from .extraction import RECIPES
-from .fresnel import conductor
 from .models import F82, Schlick
+from .prediction import EXACT_OPERATIONS, METRICS, Metric, Surface, operations, predicted_error
+from .table import AlbedoTable
 
-__all__ = [
-    "EXACT_OPERATIONS",
-    "METRICS",
-    "Choice",
-    "LeftExact",
-    "Plan",
-    "Surface",
-    "operations",
-    "plan_surfaces",
-]
-
-Metric = Literal["reflectance", "delta-e"]
-METRICS = ("reflectance", "delta-e")
-
-EXACT_OPERATIONS = 34
-"""Operations of `mi.fresnel_conductor` per channel, as counted in its kernel."""
+__all__ = ["Choice", "LeftExact", "Plan", "Table", "plan_surfaces"]
 
 TERMS = (3, 4, 5, 6)
-
-_LOBE_COSINES = np.linspace(0.1, 1.0, 19) ** 2  # of the view, dense at grazing angles
-
-
-@dataclass(frozen=True, eq=False)
-class Surface:
-    """A surface whose reflectance is given by an index of refraction.
-
-    Attributes
-    ----------
-    name : str
-    eta, k : (n,) float, eta > 0, k >= 0
-        One for each channel that is evaluated, or for each of `wavelength_nm`.
-    alpha : (float, float) or None
-        Least and greatest roughness; None for a smooth surface.
-    punctual : bool
-        Whether point, spot or directional lights shine on it.
-    distribution : {"ggx", "beckmann"}
-    wavelength_nm : (n,) float or None
-        Where eta and k belong to wavelengths and not to channels.
-
-    Raises
-    ------
-    InputError
-        For other shapes and ranges than these.
-    """
-
-    name: str
-    eta: np.ndarray
-    k: np.ndarray
-    alpha: tuple[float, float] | None = None
-    punctual: bool = False
-    distribution: str = "ggx"
-    wavelength_nm: np.ndarray | None = None
-
-    def __post_init__(self) -> None:
-        curves = CurveSet(self.name, np.ravel(self.eta), np.ravel(self.k))
-        object.__setattr__(self, "eta", curves.eta)
-        object.__setattr__(self, "k", curves.k)
-        choose("distribution", self.distribution, ("ggx", "beckmann"))
-        if self.alpha is not None and not 0.0 < self.alpha[0] <= self.alpha[1]:
-            raise input_error(
-                f"alpha={self.alpha} of '{self.name}'",
-                "(least, greatest) > 0, or None",
-                "Smooth surfaces have None.",
-            )
-
-    @property
-    def averaged(self) -> bool:
-        """Whether light comes from everywhere and the lobe averages over angles."""
-        return self.alpha is not None and not self.punctual
-
-    def to_rgb(self, reflectance: np.ndarray) -> np.ndarray:
-        """(..., 3) linear sRGB of reflectances (..., n), under D65 where they are spectra."""
-        if self.wavelength_nm is None:
-            return np.broadcast_to(reflectance, (*reflectance.shape[:-1], 3))
-        weights = rgb_weights("D65")
-        spectra = np.stack(
-            [
-                np.interp(WAVELENGTH_NM, self.wavelength_nm, row)
-                for row in reflectance.reshape(-1, reflectance.shape[-1])
-            ]
-        )
-        return (spectra @ weights.T).reshape(*reflectance.shape[:-1], 3)
+TABLE_SIZES = (16, 32, 64, 128)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +82,28 @@ class LeftExact:
     surface: Surface | None = None
 
 
+@dataclass(frozen=True)
+class Table:
+    """The preintegrated table that image-based light takes, see `table.AlbedoTable`.
+
+    Attributes
+    ----------
+    size : int
+        Texels along roughness and along the cosine.
+    terms : int
+        Channels; up to four fit one RGBA texture.
+    nbytes : int
+        As half floats.
+    error : float
+        By which interpolation changes the averaged reflectance of a surface of the plan, at most.
+    """
+
+    size: int
+    terms: int
+    nbytes: int
+    error: float
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
     """The cheapest representations that keep a bound.
@@ -175,6 +116,8 @@ class Plan:
     basis : Basis or None
         Shared by all decompositions; None if there is none: then nothing needs to be carried.
     left : tuple of LeftExact
+    table : Table or None
+        The smallest table that image-based light needs beside the closed form of the basis.
     """
 
     max_error: float
@@ -182,6 +125,7 @@ class Plan:
     choices: tuple[Choice, ...]
     basis: Basis | None
     left: tuple[LeftExact, ...] = field(default=())
+    table: Table | None = None
 
     @property
     def operations(self) -> int:
@@ -199,33 +143,8 @@ class Plan:
         numbers = sum(choice.numbers * len(choice.surface.eta) for choice in self.choices)
         if self.basis is not None:
             form = self.basis.closed_form
-            numbers += np.count_nonzero(form.numerators) + np.count_nonzero(form.denominator)
-        return 4 * int(numbers)
-
-
-def operations(model: str, channels: int, basis: Basis | None = None) -> int:
-    """Floating-point operations of one evaluation, a fused multiply-add counting as one.
-
-    Parameters
-    ----------
-    model : {"schlick", "f82", "decomposition", "exact"}
-    channels : int
-        Share the cosine and, in the decomposition, the functions.
-    basis : Basis
-        For "decomposition".
-    """
-    choose("model", model, ("schlick", "f82", "decomposition", "exact"))
-    if model == "schlick":
-        return 4 + 2 * channels
-    if model == "f82":
-        return 6 + 4 * channels
-    if model == "exact":
-        return EXACT_OPERATIONS * channels
-    assert basis is not None
-    form = basis.closed_form
-    # Horner's rule: one operation per degree; a leading zero in b_2, b_3, ... is the same
-    horner = len(form.denominator) - 1 + form.numerators.size - len(form.numerators)
-    return 2 + horner + len(form.numerators) * (1 + channels)
+            numbers += int(np.count_nonzero(form.numerators) + np.count_nonzero(form.denominator))
+        return 4 * numbers
 
 
 def plan_surfaces(
@@ -266,7 +185,8 @@ def plan_surfaces(
 
     Examples
     --------
-    >>> from fresnel_decomp.plan import Surface, plan_surfaces
+    >>> from fresnel_decomp.plan import plan_surfaces
+    >>> from fresnel_decomp.prediction import Surface
     >>> glass = Surface("glass", [1.5], [0.0])
     >>> gold = Surface("gold", [0.14, 0.37, 1.44], [3.98, 2.38, 1.60])
     >>> [choice.model for choice in plan_surfaces([glass, gold], 0.04).choices]
@@ -320,7 +240,9 @@ def plan_surfaces(
             best = rank, tuple(choices), basis if used else None
     assert best is not None
     told = tuple(_with_gain(entry, best[2], max_error, metric) for entry in left)
-    return Plan(float(max_error), metric, best[1], best[2], told)
+    return Plan(
+        float(max_error), metric, best[1], best[2], told, _table(best[1], best[2], max_error)
+    )
 
 
 def _with_gain(
@@ -339,11 +261,34 @@ def _with_gain(
         return replace(entry, gain="nothing: no term keeps the bound")
     cheapest = min(keep, key=lambda option: option.operations)
     exact = operations("exact", len(surface.eta))
-    name = cheapest.model
+    name: str = cheapest.model
     if name == "decomposition":
         name = f"decomposition of {cheapest.numbers} terms"
     gain = f"{name}: error {cheapest.error:.2g}, {cheapest.operations} operations, not {exact}"
     return replace(entry, gain=gain)
+
+
+def _table(choices: Sequence[Choice], basis: Basis | None, max_error: float) -> Table | None:
+    """The smallest table with an error below a tenth of the bound, or below .001."""
+    rough = [c for c in choices if c.model == "decomposition" and c.surface.alpha is not None]
+    if basis is None or not rough:
+        return None
+    mu, tolerance = np.linspace(0.1, 1.0, 46) ** 2, max(0.1 * max_error, 1e-3)
+    for size in TABLE_SIZES:
+        error = 0.0
+        table = AlbedoTable.bake(basis, size)
+        for choice in rough:
+            assert choice.surface.alpha is not None
+            assert choice.coefficients is not None
+            low, high = np.sqrt(choice.surface.alpha)
+            for alpha in np.unique(np.linspace(low, high, 5) ** 2):
+                exact = directional_albedo(basis, mu, alpha)
+                change = (table.lookup(mu, alpha) - exact) @ choice.coefficients.T
+                error = max(error, float(np.abs(change).max()))
+        if error <= tolerance:
+            break
+    channels = 4 if basis.terms <= 4 else 8
+    return Table(size, basis.terms, 2 * channels * size * size, error)
 
 
 # --- candidates ----------------------------------------------------------------------------------
@@ -352,7 +297,7 @@ def _with_gain(
 def _simple(surface: Surface, model: Literal["schlick", "f82"], metric: Metric) -> Choice:
     make: Any = {"schlick": Schlick, "f82": F82}[model]
     fit = make.from_ior(surface.eta, surface.k)
-    error = _error(surface, lambda cos_theta: fit(cos_theta[..., None]), metric)
+    error = predicted_error(surface, fit, metric)
     cost = operations(model, len(surface.eta))
     return Choice(surface, model, error, cost, {"schlick": 1, "f82": 2}[model])
 
@@ -362,8 +307,8 @@ def _decomposed(surface: Surface, basis: Basis, metric: Metric) -> list[Choice]:
         return []
     coefficients = basis.coefficients(surface.eta, surface.k, poor_fit="keep")
     form = basis.closed_form
-    error = _error(
-        surface, lambda cos_theta: form.evaluate(coefficients, cos_theta[..., None]), metric
+    error = predicted_error(
+        surface, lambda cos_theta: form.evaluate(coefficients, cos_theta), metric
     )
     cost = operations("decomposition", len(surface.eta), basis)
     return [Choice(surface, "decomposition", error, cost, basis.terms, coefficients)]
@@ -402,47 +347,3 @@ def _own_bases(surfaces: Sequence[Surface]) -> list[Basis]:
             break
         found.append(basis)
     return found
-
-
-# --- prediction ----------------------------------------------------------------------------------
-
-
-def _error(surface: Surface, fit: Callable[[np.ndarray], np.ndarray], metric: Metric) -> float:
-    """The largest error of `fit`, from (m,) cosines to (m, n) reflectances, over the view."""
-
-    def exact(cos_theta: np.ndarray) -> np.ndarray:
-        return np.asarray(conductor(cos_theta[..., None], surface.eta, surface.k))
-
-    if not surface.averaged:
-        cos_theta = error_cosines()[0]
-        return _distance(surface, exact(cos_theta), fit(cos_theta), metric)
-    assert surface.alpha is not None
-    low, high = surface.alpha
-    alphas = np.unique([low, np.sqrt(low * high), high])
-    return max(_lobe_error(surface, exact, fit, alpha, metric) for alpha in alphas)
-
-
-def _lobe_error(surface: Surface, exact: Any, fit: Any, alpha: float, metric: Metric) -> float:
-    from .albedo import directional_albedo
-
-    n = len(surface.eta)
-
-    def curves(cos_theta: np.ndarray) -> np.ndarray:
-        F, fitted = exact(cos_theta), fit(cos_theta)
-        return np.concatenate(
-            [np.ones_like(F[..., :1]), np.abs(fitted - F), F, fitted - F], axis=-1
-        )
-
-    averages = directional_albedo(curves, _LOBE_COSINES, alpha, distribution=surface.distribution)
-    white, parts = averages[..., :1], averages[..., 1:] / averages[..., :1]
-    if metric == "reflectance":
-        return float(parts[..., :n].max()) if white.size else 0.0
-    F, change = parts[..., n : 2 * n], parts[..., 2 * n :]
-    return _distance(surface, F, F + change, metric)
-
-
-def _distance(surface: Surface, exact: np.ndarray, fitted: np.ndarray, metric: Metric) -> float:
-    if metric == "reflectance":
-        return float(np.abs(fitted - exact).max())
-    colours = [np.clip(surface.to_rgb(F), 0.0, 1.0) for F in (exact, fitted)]
-    return float(np.max(delta_e_2000(*colours)))

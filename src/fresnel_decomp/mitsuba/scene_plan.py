@@ -22,7 +22,8 @@ import numpy as np
 
 from .._check import input_error
 from .._files import replacing
-from ..plan import Choice, LeftExact, Metric, Plan, Surface, plan_surfaces
+from ..plan import Choice, LeftExact, Plan, plan_surfaces
+from ..prediction import Metric, Surface
 from . import register
 from .tabulation import children, stored_values
 
@@ -295,7 +296,7 @@ def _walk(node: Any, path: str, seen: list[Any]) -> Iterator[tuple[str, Any]]:
 
 def _inventory(scene: Any) -> Inventory:
     lights = list(scene.emitters())
-    punctual = any(mi.has_flag(light.flags(), mi.EmitterFlags.Delta) for light in lights)
+    contrast = max((_contrast(light) for light in lights), default=1.0)
     surfaces: list[Surface] = []
     objects: list[Any] = []
     left: list[LeftExact] = []
@@ -303,19 +304,19 @@ def _inventory(scene: Any) -> Inventory:
         kind = bsdf.class_name()
         name = bsdf.id() or path
         if kind in CONDUCTORS:
-            found = _conductor(name, bsdf, kind, punctual)
+            found = _conductor(name, bsdf, kind, contrast)
             if isinstance(found, Surface):
                 surfaces.append(found)
                 objects.append(bsdf)
             else:
                 left.append(found)
         elif kind in _NO_COUNTERPART:
-            left.append(_without_counterpart(name, bsdf, kind, punctual))
+            left.append(_without_counterpart(name, bsdf, kind, contrast))
     classes = tuple(sorted({light.class_name() for light in lights}))
     return Inventory(tuple(surfaces), tuple(left), classes, tuple(objects))
 
 
-def _conductor(name: str, bsdf: Any, kind: str, punctual: bool) -> Surface | LeftExact:
+def _conductor(name: str, bsdf: Any, kind: str, contrast: float) -> Surface | LeftExact:
     parts = children(bsdf)
     plugin = CONDUCTORS[kind]
     textures = [parts["eta"], parts["k"]]
@@ -328,22 +329,22 @@ def _conductor(name: str, bsdf: Any, kind: str, punctual: bool) -> Surface | Lef
         return LeftExact(name, plugin, "its index is not positive: a mirror, or a gap in the data")
     wavelengths = np.linspace(360.0, 830.0, len(eta)) if mi.is_spectral and len(eta) > 1 else None
     if plugin == "conductor":
-        smooth = Surface(name, eta, k, None, punctual, wavelength_nm=wavelengths)
+        smooth = Surface(name, eta, k, None, contrast, wavelength_nm=wavelengths)
         why = "it is perfectly smooth, and decomposed_conductor is not"
         return LeftExact(name, plugin, why, surface=smooth)
-    distribution = re.search(r"distribution = (\w+)", str(bsdf))
+    ggx = re.search(r"distribution = ggx", str(bsdf), re.I)
     return Surface(
         name,
         eta,
         k,
         _roughness([parts[key] for key in ("alpha", "alpha_u", "alpha_v") if key in parts]),
-        punctual,
-        distribution[1].lower() if distribution else "beckmann",
+        contrast,
+        "ggx" if ggx else "beckmann",
         wavelengths,
     )
 
 
-def _without_counterpart(name: str, bsdf: Any, kind: str, punctual: bool) -> LeftExact:
+def _without_counterpart(name: str, bsdf: Any, kind: str, contrast: float) -> LeftExact:
     plugin = _NO_COUNTERPART[kind]
     why = f"there is no counterpart of '{plugin}' with another Fresnel term"
     params = mi.traverse(bsdf)
@@ -358,9 +359,25 @@ def _without_counterpart(name: str, bsdf: Any, kind: str, punctual: bool) -> Lef
         alpha = (float(values.min()), float(values.max()))
     elif "alpha.value" in params:
         alpha = _roughness([children(bsdf)["alpha"]])
-    surface = Surface(name, [eta], [0.0], alpha, punctual)
+    surface = Surface(name, [eta], [0.0], alpha, contrast)
     inside = " (from inside, eta < 1 stays exact)" if "ielectric" in kind else ""
     return LeftExact(name, plugin, why + inside, surface=surface)
+
+
+def _contrast(light: Any) -> float:
+    """Variance of what a light sends from all around, relative to its squared mean."""
+    kind = light.class_name()
+    if kind == "ConstantBackgroundEmitter":
+        return 1.0  # not 0: objects hide a part of it
+    if kind != "EnvironmentMapEmitter":
+        return np.inf  # may be as small as a point, or has a sun
+    texels = np.array(mi.traverse(light)["data"], np.float64)[..., :3].mean(axis=-1)
+    area = np.sin(np.pi * (np.arange(len(texels)) + 0.5) / len(texels))[:, None]
+    area = np.broadcast_to(area / area.sum() / texels.shape[1], texels.shape)
+    mean = float((area * texels).sum())
+    if mean <= 0.0:
+        return 1.0
+    return 1.0 + float((area * (texels / mean - 1.0) ** 2).sum())
 
 
 def _spectrum(texture: Any) -> np.ndarray:
