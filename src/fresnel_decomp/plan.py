@@ -23,7 +23,7 @@ from .basis import Basis, extract_basis, load_basis
 from .curves import CurveSet
 from .extraction import RECIPES
 from .models import F82, Schlick
-from .prediction import EXACT_OPERATIONS, METRICS, Metric, Surface, operations, predicted_error
+from .prediction import METRICS, Metric, Surface, operations, predicted_error
 from .table import AlbedoTable
 
 __all__ = ["Choice", "LeftExact", "Plan", "Table", "plan_surfaces"]
@@ -58,6 +58,11 @@ class Choice:
     numbers: int
     coefficients: np.ndarray | None = None
     why: str = ""
+
+    @property
+    def exact_operations(self) -> int:
+        """What the exact equations take."""
+        return operations("exact", len(self.surface.eta))
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +140,7 @@ class Plan:
     @property
     def exact_operations(self) -> int:
         """The same with the exact equations throughout."""
-        return sum(EXACT_OPERATIONS * len(choice.surface.eta) for choice in self.choices)
+        return sum(choice.exact_operations for choice in self.choices)
 
     @property
     def nbytes(self) -> int:

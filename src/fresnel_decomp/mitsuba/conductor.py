@@ -8,7 +8,6 @@ sampling of visible normals (Heitz and d'Eon 2014), in the same order of operati
 from __future__ import annotations
 
 import logging
-from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -125,7 +124,8 @@ class DecomposedConductor:
         recipe, terms = str(props.get("recipe", "talk")), int(props.get("terms", 0)) or None
         if recipe.endswith(".json"):  # relative to the scene file
             recipe = str(mi.file_resolver().resolve(recipe))
-        terms = load_basis(recipe, terms).terms
+        basis = load_basis(recipe, terms)
+        terms = basis.terms
         kind, names = parameter_set(list(props.keys()), terms)
         if fresnel == "exact" and kind in ("nodes", "coefficients"):
             raise input_error(
@@ -142,7 +142,7 @@ class DecomposedConductor:
         else:
             self.parameters = {name: _texture(props, name) for name in names}
         self.fresnel, self.kind = fresnel, kind
-        self.basis = partial(load_basis, recipe, terms)
+        self.basis = lambda: basis
         make: dict[str, Any] = {"exact": Exact, "schlick": Schlick, "f82": F82}
         self.term = make[fresnel]() if fresnel in make else Decomposition(self.basis())
         self.tables: list[Any] = []

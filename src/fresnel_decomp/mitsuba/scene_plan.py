@@ -1,69 +1,33 @@
 """Plans for Mitsuba scenes: find what reflects, choose its Fresnel term, put it into the scene.
 
-A scene is walked as it is loaded: shapes, their BSDFs, and the BSDFs nested in those, whether
-written in place, referenced or inside a shape group that is instanced. To change it, the parsed
-form of its XML file or dictionary is changed and instantiated or written anew, so that everything
-else stays as its author wrote it.
+To change a scene, the parsed form of its XML file or dictionary is changed and instantiated or
+written anew, so that everything else stays as its author wrote it.
 """
 
 from __future__ import annotations
 
 import os
-import re
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from .._check import input_error
 from .._files import replacing
-from ..plan import Choice, LeftExact, Plan, plan_surfaces
-from ..prediction import Metric, Surface
+from ..plan import Choice, Plan, plan_surfaces
+from ..prediction import Metric
 from . import register
-from .tabulation import children, stored_values
+from .inventory import Inventory, take_inventory
 
-__all__ = ["Inventory", "ScenePlan", "inventory", "plan_scene"]
+__all__ = ["ScenePlan", "inventory", "plan_scene"]
 
 Source = str | os.PathLike[str] | dict[str, Any] | Any
 """The path of an XML file, a dictionary as for `mi.load_dict`, or a loaded `mi.Scene`."""
 
-CONDUCTORS = {"RoughConductor": "roughconductor", "SmoothConductor": "conductor"}
-_NO_COUNTERPART = {
-    "SmoothDielectric": "dielectric",
-    "ThinDielectric": "thindielectric",
-    "RoughDielectric": "roughdielectric",
-    "SmoothPlastic": "plastic",
-    "RoughPlastic": "roughplastic",
-    "Principled": "principled",
-    "PrincipledThin": "principledthin",
-}
-_UNKNOWN_ALPHA = (1e-3, 1.0)  # of textures whose values are known only at surface points
 _COPIED = ("alpha", "alpha_u", "alpha_v", "distribution", "sample_visible", "specular_reflectance")
-
-
-@dataclass(frozen=True, eq=False)
-class Inventory:
-    """What a scene has for a plan to work on.
-
-    Attributes
-    ----------
-    surfaces : tuple of Surface
-        Rough conductors, which `decomposed_conductor` can replace.
-    left : tuple of LeftExact
-        Other BSDFs with a Fresnel term, and conductors that a plan cannot take.
-    lights : tuple of str
-        Classes of the emitters in use.
-    """
-
-    surfaces: tuple[Surface, ...]
-    left: tuple[LeftExact, ...]
-    lights: tuple[str, ...]
-    _objects: tuple[Any, ...] = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +47,6 @@ class ScenePlan:
     variant: str
     _source: _Source | None = field(repr=False)
     _objects: tuple[Any, ...] = field(repr=False)
-    _scratch: Any = field(default=None, repr=False)
 
     def apply(self) -> Any:
         """The scene with the plan in it, loaded in the active variant.
@@ -94,10 +57,10 @@ class ScenePlan:
             If the plan was made for a loaded scene, or for another variant.
         """
         source = self._rewritable()
-        folder = Path(self._scratch.name)
         state = source.parse()
-        self._rewrite(state, source.nodes, folder / "basis.json")
-        return _first(mi.parser.instantiate(source.config, state))
+        with tempfile.TemporaryDirectory(prefix="fresnel-plan-") as folder:
+            self._rewrite(state, source.nodes, Path(folder) / "basis.json")
+            return source.instantiate(state)
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the scene with the plan as XML; a basis of its own goes to a file beside it.
@@ -174,7 +137,7 @@ def inventory(source: Source) -> Inventory:
     InputError
         If no variant is set, or the scene cannot be loaded.
     """
-    return _inventory(_load(source)[0])
+    return take_inventory(_load(source)[0])
 
 
 def plan_scene(
@@ -207,10 +170,9 @@ def plan_scene(
     ['schlick']
     """
     scene, parsed = _load(source)
-    found = _inventory(scene)
+    found = take_inventory(scene)
     plan = plan_surfaces(found.surfaces, max_error, metric, left=found.left, **options)
-    scratch = tempfile.TemporaryDirectory(prefix="fresnel-plan-") if parsed else None
-    return ScenePlan(plan, found.lights, str(mi.variant()), parsed, found._objects, scratch)
+    return ScenePlan(plan, found.lights, str(mi.variant()), parsed, found.objects)
 
 
 # --- loading -------------------------------------------------------------------------------------
@@ -226,6 +188,9 @@ class _Source:
 
     def parse(self) -> Any:
         return _parse(self.origin, self.config)
+
+    def instantiate(self, state: Any) -> Any:
+        return _instantiate(self.origin, self.config, state)
 
 
 def _parse(origin: str | dict[str, Any], config: Any) -> Any:
@@ -252,7 +217,7 @@ def _load(source: Source) -> tuple[Any, _Source | None]:
     config.merge_equivalent = config.merge_meshes = False
     try:
         state = _parse(source, config)
-        scene = _first(mi.parser.instantiate(config, state))
+        scene = _instantiate(source, config, state)
     except RuntimeError as error:
         raise input_error(
             f"a scene that does not load in {mi.variant()} ({str(error).strip()})",
@@ -271,125 +236,18 @@ def _load(source: Source) -> tuple[Any, _Source | None]:
     return scene, _Source(source, config, tuple(nodes))
 
 
-def _first(loaded: Any) -> Any:
+def _instantiate(origin: str | dict[str, Any], config: Any, state: Any) -> Any:
+    """The scene; files that it names are looked for beside its own."""
+    before = mi.file_resolver()
+    resolver = mi.FileResolver(before)
+    if isinstance(origin, str):
+        resolver.prepend(str(Path(origin).resolve().parent))
+    mi.set_file_resolver(resolver)
+    try:
+        loaded = mi.parser.instantiate(config, state)
+    finally:
+        mi.set_file_resolver(before)
     return loaded[0] if isinstance(loaded, list | tuple) else loaded
-
-
-# --- walking -------------------------------------------------------------------------------------
-
-
-def _walk(node: Any, path: str, seen: list[Any]) -> Iterator[tuple[str, Any]]:
-    """All BSDFs that shapes below `node` use, each once, with the path to it."""
-    for number, (name, child) in enumerate(children(node).items()):
-        if not isinstance(child, mi.Object) or any(child is known for known in seen):
-            continue
-        if isinstance(node, mi.Scene) and isinstance(child, mi.BSDF):
-            continue  # defined, but not by that alone in use
-        seen.append(child)
-        if name.startswith("object_"):  # without an id: an address
-            name = f"{child.class_name().lower()}-{number}"
-        where = f"{path}.{name}" if path else name
-        if isinstance(child, mi.BSDF):
-            yield where, child
-        yield from _walk(child, where, seen)
-
-
-def _inventory(scene: Any) -> Inventory:
-    lights = list(scene.emitters())
-    contrast = max((_contrast(light) for light in lights), default=1.0)
-    surfaces: list[Surface] = []
-    objects: list[Any] = []
-    left: list[LeftExact] = []
-    for path, bsdf in _walk(scene, "", []):
-        kind = bsdf.class_name()
-        name = bsdf.id() or path
-        if kind in CONDUCTORS:
-            found = _conductor(name, bsdf, kind, contrast)
-            if isinstance(found, Surface):
-                surfaces.append(found)
-                objects.append(bsdf)
-            else:
-                left.append(found)
-        elif kind in _NO_COUNTERPART:
-            left.append(_without_counterpart(name, bsdf, kind, contrast))
-    classes = tuple(sorted({light.class_name() for light in lights}))
-    return Inventory(tuple(surfaces), tuple(left), classes, tuple(objects))
-
-
-def _conductor(name: str, bsdf: Any, kind: str, contrast: float) -> Surface | LeftExact:
-    parts = children(bsdf)
-    plugin = CONDUCTORS[kind]
-    textures = [parts["eta"], parts["k"]]
-    if not all(texture.class_name().endswith("Spectrum") for texture in textures):
-        gain = "a table of coefficients, one per texel, which decomposed_conductor makes of eta, k"
-        return LeftExact(name, plugin, "its index is textured", gain)
-    eta, k = (_spectrum(texture) for texture in textures)
-    eta, k = np.broadcast_arrays(eta, k)
-    if not (np.all(eta > 0.0) and np.all(k >= 0.0)):
-        return LeftExact(name, plugin, "its index is not positive: a mirror, or a gap in the data")
-    wavelengths = np.linspace(360.0, 830.0, len(eta)) if mi.is_spectral and len(eta) > 1 else None
-    if plugin == "conductor":
-        smooth = Surface(name, eta, k, None, contrast, wavelength_nm=wavelengths)
-        why = "it is perfectly smooth, and decomposed_conductor is not"
-        return LeftExact(name, plugin, why, surface=smooth)
-    ggx = re.search(r"distribution = ggx", str(bsdf), re.I)
-    return Surface(
-        name,
-        eta,
-        k,
-        _roughness([parts[key] for key in ("alpha", "alpha_u", "alpha_v") if key in parts]),
-        contrast,
-        "ggx" if ggx else "beckmann",
-        wavelengths,
-    )
-
-
-def _without_counterpart(name: str, bsdf: Any, kind: str, contrast: float) -> LeftExact:
-    plugin = _NO_COUNTERPART[kind]
-    why = f"there is no counterpart of '{plugin}' with another Fresnel term"
-    params = mi.traverse(bsdf)
-    if "eta" not in params:
-        return LeftExact(name, plugin, why, "it has a Fresnel term of its own")
-    eta = float(np.ravel(np.array(dr.detach(params["eta"]), float))[0])
-    if eta < 1.0:
-        return LeftExact(name, plugin, f"{why}, and eta < 1 reflects totally")
-    alpha = None
-    if "alpha" in params:
-        values = np.ravel(np.array(dr.detach(params["alpha"]), float))
-        alpha = (float(values.min()), float(values.max()))
-    elif "alpha.value" in params:
-        alpha = _roughness([children(bsdf)["alpha"]])
-    surface = Surface(name, [eta], [0.0], alpha, contrast)
-    inside = " (from inside, eta < 1 stays exact)" if "ielectric" in kind else ""
-    return LeftExact(name, plugin, why + inside, surface=surface)
-
-
-def _contrast(light: Any) -> float:
-    """Variance of what a light sends from all around, relative to its squared mean."""
-    kind = light.class_name()
-    if kind == "ConstantBackgroundEmitter":
-        return 1.0  # not 0: objects hide a part of it
-    if kind != "EnvironmentMapEmitter":
-        return np.inf  # may be as small as a point, or has a sun
-    texels = np.array(mi.traverse(light)["data"], np.float64)[..., :3].mean(axis=-1)
-    area = np.sin(np.pi * (np.arange(len(texels)) + 0.5) / len(texels))[:, None]
-    area = np.broadcast_to(area / area.sum() / texels.shape[1], texels.shape)
-    mean = float((area * texels).sum())
-    if mean <= 0.0:
-        return 1.0
-    return 1.0 + float((area * (texels / mean - 1.0) ** 2).sum())
-
-
-def _spectrum(texture: Any) -> np.ndarray:
-    return np.array(stored_values(texture)[0], np.float64).ravel()
-
-
-def _roughness(textures: Sequence[Any]) -> tuple[float, float]:
-    values = [np.array(v, np.float64).ravel() for t in textures for v in stored_values(t)]
-    if len(values) < len(textures):
-        return _UNKNOWN_ALPHA
-    joined = np.concatenate(values)
-    return float(joined.min()), float(joined.max())
 
 
 # --- rewriting -----------------------------------------------------------------------------------
