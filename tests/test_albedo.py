@@ -122,6 +122,9 @@ def test_limits():
     np.testing.assert_array_equal(directional_albedo(basis, mu, np.zeros(4)), basis(mu))
     smooth = directional_albedo(basis, mu[2:], 1e-4)
     np.testing.assert_allclose(smooth, basis(mu[2:]), atol=1e-5)
+    # the corner has no limit: along mu = 0 the white albedo tends to another value than 1
+    assert directional_albedo(white, 0.0, 1e-6) == pytest.approx(0.936, abs=5e-4)
+    assert directional_albedo(white, 1e-6, 0.0) == 1.0
     for alpha in (0.02, 0.5):
         at_zero = directional_albedo(basis, 0.0, alpha)
         near = directional_albedo(basis, 1e-7, alpha)

@@ -166,7 +166,7 @@ def masking_shadowing(
     --------
     >>> from fresnel_decomp.microfacet import masking_shadowing
     >>> [round(float(masking_shadowing(0.2, 0.2, 0.5, smith)), 4) for smith in SMITH]
-    [0.2829, 0.3623]
+    [0.3009, 0.378]
     """
     if choose("smith", smith, SMITH) == "separable":
         return masking(cos_theta_i, alpha, distribution) * masking(cos_theta_o, alpha, distribution)
