@@ -23,8 +23,10 @@ nothing is checked or clamped but what is said.
 
 from __future__ import annotations
 
+import functools
 import math
-from typing import Any, Literal, Protocol
+from collections.abc import Callable
+from typing import Any, Literal, Protocol, TypeVar, cast
 
 import numpy as np
 
@@ -54,7 +56,31 @@ the height of the microfacet, as in Filament, Unity and three.js."""
 
 Vector = tuple[Any, Any, Any]
 
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
+
+def _same_kind(function: _Function) -> _Function:
+    """Python floats for Python floats, and NumPy scalars for NumPy's."""
+
+    @functools.wraps(function)
+    def wrapped(*arguments: Any, **options: Any) -> Any:
+        result = function(*arguments, **options)
+        given = [v for a in arguments for v in (a if isinstance(a, tuple) else (a,))]
+        plain = not any(isinstance(value, np.generic | np.ndarray) for value in given)
+        return _without_axes(result, plain)
+
+    return cast(_Function, wrapped)
+
+
+def _without_axes(result: Any, plain: bool) -> Any:
+    if isinstance(result, tuple):
+        return tuple(_without_axes(value, plain) for value in result)
+    if not isinstance(result, np.generic | np.ndarray) or result.ndim:
+        return result
+    return float(result) if plain else result.dtype.type(result)
+
+
+@_same_kind
 def ndf(normal: Vector, alpha: Any, distribution: Distribution = "ggx") -> Any:
     """Density of microfacet normals per solid angle: its integral times the cosine is 1.
 
@@ -73,7 +99,7 @@ def ndf(normal: Vector, alpha: Any, distribution: Distribution = "ggx") -> Any:
     Examples
     --------
     >>> from fresnel_decomp.microfacet import ndf
-    >>> round(float(ndf((0.0, 0.0, 1.0), 0.5)), 6)  # 1 / (pi alpha²)
+    >>> round(ndf((0.0, 0.0, 1.0), 0.5), 6)  # 1 / (pi alpha²)
     1.27324
     """
     shape = _shape(distribution)
@@ -86,6 +112,7 @@ def ndf(normal: Vector, alpha: Any, distribution: Distribution = "ggx") -> Any:
     return ops.select(above, density, 0.0)
 
 
+@_same_kind
 def projected_area(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx") -> Any:
     """Area of the visible microfacets, seen from a direction, over that of the surface.
 
@@ -104,6 +131,7 @@ def projected_area(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx
     return shape.projected_area(ops, cos_theta, alpha)
 
 
+@_same_kind
 def smith_lambda(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx") -> Any:
     """Smith's Lambda: masked over visible area. Infinite at cos_theta = 0; see `projected_area`.
 
@@ -117,6 +145,7 @@ def smith_lambda(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx")
     return shape.hidden_area(ops, cos_theta, alpha) / cos_theta
 
 
+@_same_kind
 def masking(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx") -> Any:
     """Smith's G1, the visible share of microfacets that face a direction.
 
@@ -142,6 +171,7 @@ def masking(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx") -> A
     return ops.select(flat, 1.0, cos_theta / ops.select(flat, 1.0, area))
 
 
+@_same_kind
 def masking_shadowing(
     cos_theta_i: Any,
     cos_theta_o: Any,
@@ -165,7 +195,7 @@ def masking_shadowing(
     Examples
     --------
     >>> from fresnel_decomp.microfacet import masking_shadowing
-    >>> [round(float(masking_shadowing(0.2, 0.2, 0.5, smith)), 4) for smith in SMITH]
+    >>> [round(masking_shadowing(0.2, 0.2, 0.5, smith), 4) for smith in SMITH]
     [0.3009, 0.378]
     """
     if choose("smith", smith, SMITH) == "separable":
@@ -176,6 +206,7 @@ def masking_shadowing(
     return first * _shadowing(ops, shape, "correlated", cos_theta_i, alpha, first)
 
 
+@_same_kind
 def shadowing(
     cos_theta_i: Any,
     cos_theta_o: Any,
@@ -198,6 +229,7 @@ def shadowing(
     return _shadowing(ops, shape, smith, cos_theta_i, alpha, unmasked)
 
 
+@_same_kind
 def half_vector(wi: Vector, wo: Vector) -> tuple[Vector, Any]:
     """The microfacet normal that reflects `wi` to `wo`, and the cosine between it and either.
 
@@ -223,6 +255,7 @@ def half_vector(wi: Vector, wo: Vector) -> tuple[Vector, Any]:
     return normal, ops.minimum(ops.select(opposite, 0.0, 0.5 * length), 1.0)
 
 
+@_same_kind
 def reflect(wo: Vector, normal: Vector) -> Vector:
     """`wo` mirrored about a unit normal."""
     _, values = _arguments(*wo, *normal)
@@ -231,6 +264,7 @@ def reflect(wo: Vector, normal: Vector) -> Vector:
     return twice * h[0] - w[0], twice * h[1] - w[1], twice * h[2] - w[2]
 
 
+@_same_kind
 def sample_visible_normal(
     wo: Vector, alpha: Any, u1: Any, u2: Any, distribution: Distribution = "ggx"
 ) -> Vector:
