@@ -174,7 +174,7 @@ class AlbedoTable:
         Returns
         -------
         (..., terms) float for NumPy arrays and Python floats, of their precision; for Dr.Jit a
-        tuple of `terms` arrays, differentiable in mu and alpha: with finite derivatives everywhere,
+        tuple of arrays, one per term, differentiable in mu and alpha: finite derivatives everywhere,
         0 beyond [0, 1].
         """
         mu, alpha = one_kind(mu, alpha)
@@ -198,7 +198,7 @@ class AlbedoTable:
 
         Parameters
         ----------
-        coefficients : (..., terms) float, or for Dr.Jit a sequence of `terms` arrays
+        coefficients : (..., terms) float, or for Dr.Jit a sequence of as many arrays
         mu, alpha : (...) float
             As for `lookup`; they broadcast against the coefficients' leading axes.
         """
