@@ -173,8 +173,8 @@ class AlbedoTable:
 
         Returns
         -------
-        (..., terms) float for NumPy arrays and Python floats, of their precision; for Dr.Jit a tuple of
-        arrays, one per term, differentiable in mu and alpha: with finite derivatives everywhere,
+        (..., terms) float for NumPy arrays and Python floats, of their precision; for Dr.Jit a
+        tuple of arrays, one per term, differentiable in mu and alpha: finite everywhere, and
         0 beyond [0, 1].
         """
         mu, alpha = one_kind(mu, alpha)
