@@ -104,12 +104,7 @@ def ndf(normal: Vector, alpha: Any, distribution: Distribution = "ggx") -> Any:
     """
     shape = _shape(distribution)
     ops, (x, y, z, alpha) = _arguments(*normal, alpha)
-    above = z > 0.0
-    cos = ops.select(above, z, 1.0)
-    # divided by alpha before squared: alpha² may underflow where the slope does not
-    u, v = x / (alpha * cos), y / (alpha * cos)
-    density = shape.slope_density(ops, u * u + v * v) / (alpha * cos * cos) / (alpha * cos * cos)
-    return ops.select(above, density, 0.0)
+    return ops.select(z > 0.0, shape.density(ops, x * x + y * y, z, alpha), 0.0)
 
 
 @_same_kind
@@ -303,8 +298,8 @@ def sample_visible_normal(
 class Shape(Protocol):
     """What tells one distribution from another, for arguments of one kind."""
 
-    def slope_density(self, ops: Ops, square: Any) -> Any:
-        """Density of slopes at roughness 1, of the squared length of the slope."""
+    def density(self, ops: Ops, sine_square: Any, cos: Any, alpha: Any) -> Any:
+        """Density of normals per solid angle, for cos > 0."""
         ...
 
     def projected_area(self, ops: Ops, c: Any, alpha: Any) -> Any:
@@ -332,9 +327,10 @@ class Shape(Protocol):
 
 
 class _GGX:
-    def slope_density(self, ops: Ops, square: Any) -> Any:
-        inverse = 1.0 / (1.0 + square)
-        return inverse * inverse / math.pi
+    def density(self, ops: Ops, sine_square: Any, cos: Any, alpha: Any) -> Any:
+        # alpha² / (pi (sin² + alpha² cos²)²), divided by alpha before anything is squared
+        inverse = 1.0 / (sine_square / alpha + alpha * cos * cos)
+        return inverse * inverse * (1.0 / math.pi)
 
     def projected_area(self, ops: Ops, c: Any, alpha: Any) -> Any:
         return 0.5 * (c + self._stretched(ops, c, alpha))
@@ -379,8 +375,14 @@ class _GGX:
 
 
 class _Beckmann:
-    def slope_density(self, ops: Ops, square: Any) -> Any:
-        return ops.exp(-square) / math.pi
+    def density(self, ops: Ops, sine_square: Any, cos: Any, alpha: Any) -> Any:
+        # beyond slopes of 10 alpha it is below 1e-43, and its parts overflow
+        reach = 10.0 * alpha * cos
+        near = sine_square < reach * reach
+        cos, sine_square = ops.select(near, cos, 1.0), ops.select(near, sine_square, 0.0)
+        slope_square = sine_square / (alpha * cos) / (alpha * cos)
+        inverse = 1.0 / (alpha * cos * cos)
+        return ops.select(near, ops.exp(-slope_square) * inverse * inverse / math.pi, 0.0)
 
     def projected_area(self, ops: Ops, c: Any, alpha: Any) -> Any:
         return c + self.hidden_area(ops, c, alpha)  # and so never below c
