@@ -102,7 +102,7 @@ def ndf(normal: Vector, alpha: Any, distribution: Distribution = "ggx") -> Any:
     >>> round(ndf((0.0, 0.0, 1.0), 0.5), 6)  # 1 / (pi alpha²)
     1.27324
     """
-    shape = _shape(distribution)
+    shape = named_shape(distribution)
     ops, (x, y, z, alpha) = _arguments(*normal, alpha)
     return ops.select(z > 0.0, shape.density(ops, x * x + y * y, z, alpha), 0.0)
 
@@ -121,7 +121,7 @@ def projected_area(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx
     -------
     (...) float in [cos_theta, 1); cos_theta at alpha = 0. Finite derivatives for alpha > 0.
     """
-    shape = _shape(distribution)
+    shape = named_shape(distribution)
     ops, (cos_theta, alpha) = _arguments(cos_theta, alpha)
     return shape.projected_area(ops, cos_theta, alpha)
 
@@ -135,7 +135,7 @@ def smith_lambda(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx")
     cos_theta : (...) float in (0, 1]
     alpha : (...) float >= 0
     """
-    shape = _shape(distribution)
+    shape = named_shape(distribution)
     ops, (cos_theta, alpha) = _arguments(cos_theta, alpha)
     return shape.hidden_area(ops, cos_theta, alpha) / cos_theta
 
@@ -159,7 +159,7 @@ def masking(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx") -> A
     >>> masking(1.0, 0.5), masking(0.0, 0.5), masking(0.0, 0.0)
     (1.0, 0.0, 1.0)
     """
-    shape = _shape(distribution)
+    shape = named_shape(distribution)
     ops, (cos_theta, alpha) = _arguments(cos_theta, alpha)
     area = shape.projected_area(ops, cos_theta, alpha)
     flat = area == 0.0
@@ -195,10 +195,10 @@ def masking_shadowing(
     """
     if choose("smith", smith, SMITH) == "separable":
         return masking(cos_theta_i, alpha, distribution) * masking(cos_theta_o, alpha, distribution)
-    shape = _shape(distribution)
+    shape = named_shape(distribution)
     ops, (cos_theta_i, cos_theta_o, alpha) = _arguments(cos_theta_i, cos_theta_o, alpha)
     first = masking(cos_theta_o, alpha, distribution)
-    return first * _shadowing(ops, shape, "correlated", cos_theta_i, alpha, first)
+    return first * shadowing_ratio(ops, shape, "correlated", cos_theta_i, alpha, first)
 
 
 @_same_kind
@@ -218,10 +218,10 @@ def shadowing(
     (...) float in [0, 1]
     """
     choose("smith", smith, SMITH)
-    shape = _shape(distribution)
+    shape = named_shape(distribution)
     ops, (cos_theta_i, cos_theta_o, alpha) = _arguments(cos_theta_i, cos_theta_o, alpha)
     unmasked = masking(cos_theta_o, alpha, distribution)
-    return _shadowing(ops, shape, smith, cos_theta_i, alpha, unmasked)
+    return shadowing_ratio(ops, shape, smith, cos_theta_i, alpha, unmasked)
 
 
 @_same_kind
@@ -280,7 +280,7 @@ def sample_visible_normal(
     -------
     triple of (...) float: a unit vector with positive cosine to `wo`
     """
-    shape = _shape(distribution)
+    shape = named_shape(distribution)
     ops, (x, y, z, alpha, u1, u2) = _arguments(*wo, alpha, u1, u2)
     # the frame in which the surface has roughness 1
     x, y = alpha * x, alpha * y
@@ -441,7 +441,9 @@ DISTRIBUTIONS = tuple(_SHAPES)
 """Names of the distributions."""
 
 
-def _shadowing(ops: Ops, shape: Shape, smith: str, c_i: Any, alpha: Any, masking_o: Any) -> Any:
+def shadowing_ratio(
+    ops: Ops, shape: Shape, smith: str, c_i: Any, alpha: Any, masking_o: Any
+) -> Any:
     """`shadowing` for arrays of one kind and known G1(o)."""
     if smith == "separable":
         total = shape.projected_area(ops, c_i, alpha)
@@ -452,7 +454,7 @@ def _shadowing(ops: Ops, shape: Shape, smith: str, c_i: Any, alpha: Any, masking
     return lit / ops.select(dark, 1.0, total)
 
 
-def _shape(distribution: str) -> Shape:
+def named_shape(distribution: str) -> Shape:
     return _SHAPES[choose("distribution", distribution, DISTRIBUTIONS)]
 
 
