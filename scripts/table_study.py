@@ -6,8 +6,10 @@
 
 The error is that of the table alone: |sum_i c_i (bbar_i looked up - bbar_i integrated)|, for the
 coefficients of `INDICES`, over a grid of view angles and roughnesses that is dense where tables are
-coarse and does not coincide with texels. "corner" is mu < .001 or alpha < .001, less than the
-second texel of the default layout.
+coarse and does not coincide with texels. It is largest in the corner mu -> 0, alpha -> 0, where the
+albedo itself has no limit, so it is given three times: anywhere; for alpha >= .002, which is where
+Filament clamps the roughness (.045² for 32-bit floats); and outside the corner, that is where
+mu >= .05 or alpha >= .02.
 
 Interrupt it when you like: finished tables are kept, and the same command goes on from them.
 """
@@ -23,6 +25,7 @@ from typing import Any
 
 import click
 import numpy as np
+from scipy.ndimage import maximum_filter
 
 from _figure import (
     DATA,
@@ -80,7 +83,8 @@ AXIS_WORDS = {
     "theta": "θ, √α",
     "alpha": "√μ, α",
 }
-CORNER = 1e-3
+SMOOTHEST = 0.002
+CORNER = (0.05, 0.02)  # in mu and alpha
 
 
 def _unorm(bits: int, low: float = 0.0, high: float = 1.0) -> Callable[[np.ndarray], np.ndarray]:
@@ -117,7 +121,7 @@ def grid() -> tuple[np.ndarray, np.ndarray]:
     x = np.concatenate([[0.0], (np.arange(230) + 0.37) / 230, [1.0]])
     y = np.concatenate([[0.0], (np.arange(110) + 0.41) / 110, [1.0]])
     mu = np.unique(np.concatenate([x**2, np.geomspace(1e-5, 0.02, 25)]))
-    alpha = np.unique(np.concatenate([y**2, np.geomspace(1e-4, 0.02, 15)]))
+    alpha = np.unique(np.concatenate([y**2, np.geomspace(1e-4, 0.02, 15), [SMOOTHEST]]))
     return mu, alpha
 
 
@@ -127,9 +131,10 @@ def grid() -> tuple[np.ndarray, np.ndarray]:
 def compute(job: Job) -> dict[str, Any]:
     """Every table, its errors, and a map of them for the default one."""
     basis = load_basis()
-    sizes = list(SIZES)
+    quick = job.settings.get("quick", False)
+    sizes = SIZES[:3] if quick else SIZES
     coefficients = basis.coefficients(*np.array(list(INDICES.values())).T)
-    mu, alpha = grid()
+    mu, alpha = (values[:: 6 if quick else 1] for values in grid())
     job.report("integrals", 0.0)
     exact = _kept(job, "exact", lambda: _exact(basis, mu, alpha)).reshape(len(alpha), len(mu), -1)
     layouts = [(axes, size) for axes in AXES for size in sizes]
@@ -159,7 +164,18 @@ def compute(job: Job) -> dict[str, Any]:
         job.folder / "map.csv",
         {"mu": columns[0].ravel(), "alpha": columns[1].ravel(), "error": error.ravel()},
     )
-    return {"layouts": results, "formats": formats}
+    job.report("Schlick's two terms", 0.98)
+    two = AlbedoTable.bake(_schlick_terms, 64)
+    integrals = _kept(job, "exact-schlick", lambda: _exact(_schlick_terms, mu, alpha))
+    difference = two.lookup(mu, alpha[:, None]) - integrals.reshape(len(alpha), len(mu), -1)
+    f0 = coefficients[:, :1]
+    schlick = _errors(difference, np.concatenate([f0, 1.0 - f0], axis=1), mu, alpha)
+    return {"layouts": results, "formats": formats, "schlick": {"bytes": 4 * 64**2, **schlick}}
+
+
+def _schlick_terms(cos_theta: np.ndarray) -> np.ndarray:
+    """1 and (1 - cos)^5, the pair that Karis 2013 preintegrates."""
+    return np.stack([np.ones_like(cos_theta), (1.0 - cos_theta) ** 5], axis=-1)
 
 
 def _exact(basis: Any, mu: np.ndarray, alpha: np.ndarray) -> np.ndarray:
@@ -193,17 +209,18 @@ def _errors(
 ) -> dict[str, Any]:
     """Errors of Fbar over all materials, and of the functions; `difference` is (alpha, mu, 4)."""
     error = np.abs(difference @ coefficients.T)
-    corner = (mu < CORNER) | (alpha[:, None] < CORNER)
+    corner = (mu < CORNER[0]) & (alpha[:, None] < CORNER[1])
     # the view direction as a picture has it: uniform in mu and in roughness
     weight = np.gradient(mu) * np.gradient(np.sqrt(alpha))[:, None]
     squares = (error**2).mean(axis=-1)
     return {
         "max": float(error.max()),
+        "max_rough": float(error[alpha >= SMOOTHEST].max()),
         "max_outside_corner": float(error[~corner].max()),
         "p99": float(np.quantile(error, 0.99)),
         "rms": float(np.sqrt((squares * weight).sum() / weight.sum())),
         "max_functions": np.abs(difference).max(axis=(0, 1)).tolist(),
-        "max_functions_outside_corner": np.abs(difference[~corner]).max(axis=0).tolist(),
+        "max_functions_rough": np.abs(difference[alpha >= SMOOTHEST]).max(axis=(0, 1)).tolist(),
     }
 
 
@@ -220,32 +237,35 @@ def draw(folder: Path, pictures: Path) -> None:
     layouts, formats = results["layouts"], results["formats"]
     sizes = sorted({int(name.split("-")[1]) for name in layouts})
     with style.styled():
-        page = Page(10.2, 4.0)
-        axes = page.axes(0.75, 0.75, 2.9, 2.55)
+        page = Page(10.2, 3.75)
+        axes = page.axes(0.7, 0.6, 3.0, 2.6)
         for name, label in AXIS_LABELS.items():
             options = {"color": COLOURS[name], "marker": MARKERS[name], "ms": 4}
-            axes.plot(sizes, [layouts[f"{name}-{n}"]["max"] for n in sizes], label=label, **options)
+            largest = [layouts[f"{name}-{n}"]["max_rough"] for n in sizes]
+            axes.plot(sizes, largest, label=label, **options)
             outside = [layouts[f"{name}-{n}"]["max_outside_corner"] for n in sizes]
             axes.plot(sizes, outside, ls=":", mfc="white", **options)
         axes.set_xscale("log", base=2)
         axes.set_yscale("log")
         axes.set_xticks(sizes[::2], [str(n) for n in sizes[::2]])
         axes.set_xticks(sizes, minor=True, labels=[""] * len(sizes))
-        axes.set_ylim(3e-5, 1.5)
-        axes.axvline(64, color=GREY, lw=0.8, ls="-", zorder=0)
+        axes.set_ylim(2e-5, 2.0)
+        axes.axvline(64, color=GREY, lw=0.8, zorder=0)
         axes.set_xlabel("texels along each axis")
         axes.set_ylabel(r"largest error of $\bar F$")
         axes.legend(loc="upper right", ncols=2, fontsize=7.5, handlelength=1.4, columnspacing=0.9)
-        page.write(0.75, 0.5, "Size and axes", ha="left", size=10)
+        page.write(0.7, 0.32, "Size and axes", ha="left", size=10)
         axes.annotate(
-            f"dotted: outside the corner\n($\\mu$, $\\alpha$ ≥ {CORNER:g})",
+            f"solid: $\\alpha$ ≥ {SMOOTHEST:g}\n"
+            f"dotted: $\\mu$ ≥ {CORNER[0]:g} or $\\alpha$ ≥ {CORNER[1]:g}",
             (0.03, 0.04), xycoords="axes fraction", size=7.5, color=GREY,
         )  # fmt: skip
 
-        bars = page.axes(4.95, 0.75, 1.75, 2.55)
+        bars = page.axes(4.9, 0.6, 1.75, 2.6)
         names = list(formats)
         added = [formats[name]["added"] for name in names]
-        floor = 2e-5
+        floor = 2e-6
+        bars.set_axisbelow(True)
         bars.barh(names, [max(a, floor) for a in added], color="#0072b2", height=0.55)
         for i, value in enumerate(added):
             text = f"{value:.1g}" if value else "0"
@@ -254,28 +274,31 @@ def draw(folder: Path, pictures: Path) -> None:
                 va="center", size=7.5,
             )  # fmt: skip
         bars.set_xscale("log")
-        bars.set_xlim(floor, 0.3)
+        bars.set_xlim(floor, 0.2)
+        bars.set_xticks([1e-5, 1e-4, 1e-3, 1e-2])
+        bars.minorticks_off()
         bars.invert_yaxis()
         bars.grid(axis="y", visible=False)
         bars.set_xlabel(r"added to $\bar F$ at most")
-        page.write(4.95, 0.5, "Storage, 64 × 64", ha="left", size=10)
+        page.write(4.9, 0.32, "Storage, 64 × 64", ha="left", size=10)
 
         table = read_table(folder / "map.csv")
         mu, alpha = np.unique(table["mu"]), np.unique(table["alpha"])
-        error = table["error"].reshape(len(alpha), len(mu))
-        where = page.axes(7.3, 0.75, 2.1, 2.55)
+        # the largest nearby: at texels' centres it is 0, which would be all one sees
+        error = maximum_filter(table["error"].reshape(len(alpha), len(mu)), size=7)
+        where = page.axes(7.35, 0.6, 2.1, 2.6)
         mesh = where.pcolormesh(
             np.sqrt(mu), np.sqrt(alpha), np.log10(np.maximum(error, 1e-7)),
-            cmap=style.SEQUENTIAL, vmin=-5.5, vmax=-2, shading="nearest", rasterized=True,
+            cmap=style.SEQUENTIAL, vmin=-5, vmax=-1, shading="nearest", rasterized=True,
         )  # fmt: skip
         where.set_xlabel(r"$\sqrt{\mu}$")
         where.set_ylabel(r"perceptual roughness $\sqrt{\alpha}$")
         where.grid(visible=False)
-        bar = page.figure.colorbar(mesh, cax=page.axes(9.5, 0.75, 0.1, 2.55), extend="both")
-        bar.set_ticks([-5, -4, -3, -2], labels=["1e-5", "1e-4", "1e-3", "1e-2"])
+        bar = page.figure.colorbar(mesh, cax=page.axes(9.55, 0.6, 0.1, 2.6), extend="both")
+        bar.set_ticks([-5, -4, -3, -2, -1], labels=["1e-5", "1e-4", "1e-3", ".01", ".1"])
         bar.outline.set_linewidth(0.5)
         bar.ax.grid(visible=False)
-        page.write(7.3, 0.5, "Error of the default", ha="left", size=10)
+        page.write(7.35, 0.32, r"Error of $\bar F$, default", ha="left", size=10)
         page.save(pictures / FIGURE.pictures[0], dpi=170)
 
 
@@ -285,44 +308,42 @@ def tables(results: Mapping[str, Any]) -> str:
     for name, errors in results["layouts"].items():
         axes, size = name.split("-")
         if axes == "default" or size == "64":
-            rows.append((f"{size} × {size}, {AXIS_WORDS[axes]}", errors, "half"))
-    head = ("table", "bytes", "largest", "outside the corner", "RMS", "b̄₀ … b̄₃ outside the corner")
+            rows.append((f"{size} × {size}, {AXIS_WORDS[axes]}", errors))
+    rows.append(("64 × 64, √μ, √α, Schlick's two terms", results["schlick"]))
+    regions = ("anywhere", f"α ≥ {SMOOTHEST:g}", "outside the corner", "RMS")
     first = markdown(
-        head,
+        ("size and axes", "bytes", *regions, f"b̄₀, b̄₁, b̄₂, b̄₃ for α ≥ {SMOOTHEST:g}"),
         [
             [
                 name,
                 f"{errors['bytes']:,}",
-                short(errors["max"]),
-                short(errors["max_outside_corner"]),
-                short(errors["rms"]),
-                ", ".join(short(e) for e in errors["max_functions_outside_corner"]),
+                *_by_region(errors),
+                ", ".join(short(e) for e in errors["max_functions_rough"]),
             ]
-            for name, errors, _ in rows
+            for name, errors in rows
         ],
     )
     second = markdown(
-        ("64 × 64 stored as", "bytes", "largest", "outside the corner", "RMS", "added at most"),
+        ("64 × 64 stored as", "bytes", *regions, "added at most"),
         [
-            [
-                name,
-                f"{errors['bytes']:,}",
-                short(errors["max"]),
-                short(errors["max_outside_corner"]),
-                short(errors["rms"]),
-                short(errors["added"]),
-            ]
+            [name, f"{errors['bytes']:,}", *_by_region(errors), short(errors["added"])]
             for name, errors in results["formats"].items()
         ],
     )
     return f"{first}\n\n{second}"
 
 
+def _by_region(errors: Mapping[str, Any]) -> list[str]:
+    return [short(errors[name]) for name in ("max", "max_rough", "max_outside_corner", "rms")]
+
+
 def short(value: float) -> str:
     """Two digits."""
     if value == 0.0:
         return "0"
-    return f"{value:.2g}" if value < 1e-3 else f"{value:.4f}".lstrip("0")[:5]
+    if value < 1e-3:
+        return f"{value:.1e}".replace("e-0", "e-")
+    return f"{value:.4f}".lstrip("0")
 
 
 FIGURE = Figure(
@@ -338,6 +359,8 @@ FIGURE = Figure(
         "sizes": SIZES,
         "formats": list(FORMATS),
         "layout": asdict(Layout()),
+        "smoothest": SMOOTHEST,
+        "corner": CORNER,
     },
 )
 

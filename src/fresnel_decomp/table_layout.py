@@ -122,6 +122,8 @@ class Layout:
         )
 
     def _position(self, value: Any, axis: _Axis, size: int) -> Any:
+        if isinstance(value, int | float):
+            return float(self._position(np.asarray(value, np.float64), axis, size))
         ops = ops_for(value)
         # selected and not clipped: at the ends of [0, 1] derivatives pass
         inside = ops.select(value < 0.0, 0.0, ops.select(value > 1.0, 1.0, value))
