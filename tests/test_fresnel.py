@@ -563,58 +563,67 @@ def test_bad_mixtures(backend):
         conductor(Int(1), 1.5, 0.0)
 
 
-RANGES = {  # decades of eta and k in which values and derivatives hold, as documented
-    ("float32", "wide"): (37, 37),
-    ("float32", "native"): (18, 6),
-    ("float64", "wide"): (150, 50),
-}
+TYPES = [("float32", "wide"), ("float32", "native"), ("float64", "wide")]
+DECADES = {"float32": 37, "float64": 300}
 
 
-def wide_range(dtype, decades):
-    """Random points over these decades, special places included."""
+def wide_range(dtype):
+    """Random points over all magnitudes, special places included."""
     rng = np.random.default_rng(11)
     n = 20000
-    limit = {"float32": 37, "float64": 300}[dtype]
-    cos_theta = 10.0 ** rng.uniform(-limit, 0, n)
+    decades = DECADES[dtype]
+    cos_theta = 10.0 ** rng.uniform(-decades, 0, n)
     cos_theta[::3] = 1.0 - 10.0 ** rng.uniform(-16, 0, len(cos_theta[::3]))
     cos_theta[::7], cos_theta[::11] = 1.0, 0.0
     eta, k = 10.0 ** rng.uniform(-decades, decades, (2, n))
     eta[::17] = 1.0 + 10.0 ** rng.uniform(-16, 0, len(eta[::17]))
     eta[::13], k[::5] = 1.0, 0.0
+    half = n // 2  # of ordinary magnitude
+    eta[half:], k[half:] = (v[half:] ** (3.0 / decades) for v in (eta, k))
     return [v.astype(dtype) for v in (cos_theta, eta, k)]
 
 
-@pytest.mark.parametrize(("dtype", "precision"), RANGES)
+@pytest.mark.parametrize(("dtype", "precision"), TYPES)
 @pytest.mark.parametrize("backend", ["numpy", *BACKENDS])
 def test_never_nan_nor_out_of_range(backend, dtype, precision):
-    arguments = wide_range(dtype, RANGES[dtype, precision][0])
+    arguments = wide_range(dtype)
     if backend != "numpy":
         arguments = [float_type(backend, dtype)(v) for v in arguments]
     components = reflectance_components(*arguments, precision=precision)
     whole = conductor(*arguments, precision=precision)
     cos_t = refracted_cosine(*arguments[:2], precision=precision)
-    for value in map(np.array, (*components, whole, cos_t)):
+    other = transmittance(*arguments, precision=precision)
+    lossless = dielectric(*arguments[:2], precision=precision)
+    values = [np.array(v) for v in (*components, whole, other, cos_t, lossless)]
+    for value in values:
         assert ((value >= 0.0) & (value <= 1.0)).all()
+    R_s, R_p, T_s, T_p, R, T = values[:6]
+    for reflected, transmitted in ((R_s, T_s), (R_p, T_p), (R, T)):
+        total = reflected.astype(np.longdouble) + transmitted
+        assert np.abs(total - 1.0).max() <= np.finfo(dtype).eps
 
 
-@pytest.mark.parametrize(("dtype", "precision"), RANGES)
+@pytest.mark.parametrize(("dtype", "precision"), TYPES)
 @pytest.mark.parametrize("backend", AD_BACKENDS)
 def test_derivatives_are_never_nan(backend, dtype, precision):
     import drjit as dr
 
     Float = float_type(backend, dtype)
-    points = wide_range(dtype, RANGES[dtype, precision][1])
+    points = wide_range(dtype)
     for i in range(3):
         arguments = [Float(v) for v in points]
         dr.enable_grad(arguments[i])
         R = conductor(*arguments, precision=precision)
+        R_s, R_p, *_ = reflectance_components(*arguments, precision=precision)
+        lossless = dielectric(*arguments[:2], precision=precision)
         dr.forward(arguments[i])
-        assert not np.isnan(np.array(dr.grad(R))).any()
+        for value in (R, R_s, R_p, lossless):
+            assert not np.isnan(np.array(dr.grad(value))).any()
 
 
 @pytest.mark.parametrize("backend", ["numpy", *BACKENDS])
 def test_beyond_the_range_an_index_counts_as_its_end(backend):
-    """A number all the same, and one that is right to the last place where R is."""
+    """A number in [0, 1] all the same."""
 
     def both(precision, dtype, eta, k):
         arguments = np.array([0.5, 1.0, 0.25], dtype), eta, k
@@ -623,16 +632,16 @@ def test_beyond_the_range_an_index_counts_as_its_end(backend):
         functions = conductor, transmittance
         return [np.array(f(*arguments, precision=precision)) for f in functions]
 
-    for precision, dtype, limit in (("native", "float32", 2.0**30), ("wide", "float64", 2.0**250)):
+    for precision, dtype, limit in (("native", "float32", 2.0**20), ("wide", "float64", 2.0**160)):
         for huge in (2.0 * limit, float(np.finfo(dtype).max)):
             for point in ((huge, 0.0), (1.5, huge), (huge, huge), (0.5 / huge, 0.0)):
                 end = [min(max(v, 1.0 / limit), limit) if v else v for v in point]
                 found, expected = both(precision, dtype, *point), both(precision, dtype, *end)
                 np.testing.assert_array_equal(found, expected)
-                assert (found[0] == 1.0).all()
-                assert (found[1] < 1e-5).all()
-    found = transmittance(np.array([0.5]), 1e75, 0.0)
-    assert found == pytest.approx(5e-75, rel=1e-12)
+                assert (found[0] > 0.9999).all()
+                assert ((found[1] >= 0.0) & (found[1] < 1e-4)).all()
+    found = transmittance(np.array([0.5]), 1e48, 0.0)
+    assert found == pytest.approx(5e-48, rel=1e-12)
     assert transmittance(np.float32([0.5]), np.float32(1e38), 0.0) == pytest.approx(5e-38, rel=2e-7)
 
 

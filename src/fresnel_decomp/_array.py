@@ -108,11 +108,16 @@ class DrJitOps(Ops):
         assert dr is not None
         self.dr = dr
         self.sqrt, self.abs = dr.sqrt, dr.abs
-        self.fma = self.multiply_add = dr.fma
         self.minimum, self.maximum, self.select = dr.minimum, dr.maximum, dr.select
 
+    def fma(self, a: Any, b: Any, c: Any) -> Any:
+        return self.dr.fma(a, b, c)
+
+    def multiply_add(self, a: Any, b: Any, c: Any) -> Any:
+        return self.dr.fma(a, b, c)
+
     def one_minus_square(self, x: Any) -> Any:
-        return self.fma(-x, x, 1.0)
+        return self.dr.fma(-x, x, 1.0)
 
 
 def ops_for(*values: Any) -> Ops:

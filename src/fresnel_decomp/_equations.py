@@ -1,15 +1,14 @@
 r"""The Fresnel equations without cancellation, values and derivatives, for any kind of array.
 
 `fresnel` has the formulas and the public functions; here they are in the order in which they are
-evaluated. Two things decide that order. Accuracy: nothing is subtracted but X, Xm = Re(m² - 1) and
-Re V, and these carry the rounding errors of their squares. Speed: in the kernels of Dr.Jit every
-operation counts about the same, square roots and quotients included, so there is one of each where
-two would do, and what depends on the index alone stands apart (a compiler takes it out of a loop
-over angles).
+evaluated. Two things decide that order. Accuracy: nothing is subtracted but what is X, Re(m² - 1)
+and Re V, which carry the rounding errors of their squares. Speed: in the kernels of Dr.Jit every
+operation counts about the same, square roots and quotients included, until there are more than
+about five of these; and what depends on the index alone stands apart, so that a compiler takes it
+out of a loop over angles.
 
-A "half" in a name means a factor 1/2 that would otherwise be an operation. No mask protects a
-quotient: for m = 1, the only index for which D_s can vanish, W is made 1, which leaves R = 0 exactly
-and T = 1 - R; where W = 0 the quotient is not the one that is selected.
+No mask protects a quotient. D_s can vanish for m = 1 only: then W is made 1, which leaves R = 0
+exactly, and T = 1 - R. Where W = 0 the quotient is not the one that is selected.
 """
 
 from __future__ import annotations
@@ -37,7 +36,9 @@ class _Shared(NamedTuple):
     k: Any
     c2: Any
     s2: Any
+    s4: Any
     Xm: Any  # Re(m² - 1)
+    norm: Any  # |m² - 1|²
     X: Any
     Y: Any
     Y2: Any  # Y²
@@ -45,12 +46,10 @@ class _Shared(NamedTuple):
     t: Any  # sqrt(W + |X|)
     A: Any  # sqrt(2) A
     Ac: Any  # 2 A c
+    Acs2: Any
     D_s: Any
     D_q: Any
     N: Any
-    half_T_s: Any
-    half_R_s: Any
-    a: Any  # 2 A c s² / D_q = 1 - N/D_q, at most 1/2
 
 
 def _shared(ops: Ops, c: Any, eta: Any, k: Any, compensated: bool) -> _Shared:
@@ -70,20 +69,11 @@ def _shared(ops: Ops, c: Any, eta: Any, k: Any, compensated: bool) -> _Shared:
     t = ops.sqrt(W + ops.abs(X))
     A = ops.select(X < 0.0, Y / t, t)
     Ac = A * (c * SQRT2)
-    Acs2 = Ac * s2
-    N = ops.multiply_add(W, c2, s2 * s2)
-    D_s, D_q = (W + c2) + Ac, N + Acs2
-    if compensated:
-        half_T_s, a = Ac / D_s, Acs2 / D_q
-        half_R_s = 0.5 * norm / (D_s * D_s)
-    else:  # in float64 quotients are dear; the other type could not hold D_s D_q of large indices
-        both = 1.0 / (D_s * D_q)
-        over_D_s = D_q * both
-        half_T_s, a = Ac * over_D_s, Acs2 * (D_s * both)
-        half_R_s = 0.5 * norm * over_D_s * over_D_s
+    Acs2, s4 = Ac * s2, s2 * s2
+    N = ops.multiply_add(W, c2, s4)
     return _Shared(
-        ops, compensated, c, eta, k, c2, s2, Xm, X, Y, Y2, W, t, A, Ac, D_s, D_q, N,
-        half_T_s, half_R_s, a,
+        ops, compensated, c, eta, k, c2, s2, s4, Xm, norm, X, Y, Y2, W, t, A, Ac, Acs2,
+        (W + c2) + Ac, N + Acs2, N,
     )  # fmt: skip
 
 
@@ -92,12 +82,17 @@ def reflectance(
 ) -> list[tuple[Any, Slopes]]:
     """[(R, its slopes), (T, its slopes)]."""
     q = _shared(ops, c, eta, k, compensated)
-    twice = ops.multiply_add(q.a, -2.0, 2.0)  # 2 N/D_q: from 1 to 2, so nothing is lost
-    T = ops.multiply_add(q.half_T_s, twice, q.a)
-    R, T = _complements(ops, q.half_R_s * twice, T)
     if compensated:
+        a = q.Acs2 / q.D_q
+        twice = ops.multiply_add(a, -2.0, 2.0)  # 2 N/D_q: from 1 to 2, so nothing is lost
+        R = 0.5 * q.norm / (q.D_s * q.D_s) * twice
+        R, T = _complements(ops, R, ops.multiply_add(q.Ac / q.D_s, twice, a))
         T_over_c = SQRT2 * ops.multiply_add(q.A / q.D_s, twice, q.A * q.s2 / q.D_q)
         T = _small(ops, T, T_over_c, c)
+    else:  # quotients are dear in float64, which has room for D_s D_q
+        both = 1.0 / (q.D_s * q.D_q)
+        R = (q.norm * both) * (q.N * both * q.D_q)
+        R, T = _complements(ops, R, q.Ac * both * (q.D_q + (q.W + q.s2)))
     slopes = _reflectance_slopes(q, wanted)
     return [(R, slopes), (T, _negative(slopes))]
 
@@ -109,7 +104,7 @@ def components(
     q = _shared(ops, c, eta, k, compensated)
     real_V = _real_V(q)
     imag_V = q.Y * q.c2
-    R_s, T_s = q.half_R_s + q.half_R_s, q.half_T_s + q.half_T_s
+    R_s, T_s = q.norm / (q.D_s * q.D_s), (q.Ac + q.Ac) / q.D_s
     square = ops.multiply_add(real_V, real_V, imag_V * imag_V)
     R_p = R_s * (square / q.D_q / q.D_q)
     T_p = T_s * ((q.W + q.s2) / q.D_q)
@@ -160,11 +155,11 @@ def _real_V(q: _Shared) -> Any:
 #     dR_p/deta + i dR_p/dk = h c (a + ib) (m² - 1) (conj(m)² - 2s²) V u.
 #
 # Multiplied out as it stands the second one is lost to cancellation, for |m| >> 1 at grazing
-# incidence and for |m| << 1 at normal incidence. Its factors other than a + ib have the product
+# incidence and for |m| << 1 at normal incidence. Its factors but a + ib and u have the product
 #
-#     Q = ((E - 1)(E - 2s²) + Y²) Re V - Y² c² (c² - s²)  +  i Y (c² |m|⁴ - 4 c² s² E + s²)
+#     Q = (Xm (X - s²) + Y²) Re V + Y² c² (s² - c²)  +  i Y (c² (W² - s² (2X + 3s²)) + s²),
 #
-# with E = eta² - k², whose imaginary part keeps Y as a factor.
+# whose imaginary part keeps Y as a factor. Re V = c² X - s⁴.
 
 
 class _IndexSlopes(NamedTuple):
@@ -173,25 +168,33 @@ class _IndexSlopes(NamedTuple):
     scale: Any  # h c / (2 sqrt(2))
     a: Any  # sqrt(2) a
     b: Any
-    Q_real: Any  # both times u
-    Q_imag: Any
+    Q_real: Any
+    Q_imag_over_Y: Any
+
+    def times(self, ops: Ops, real: Any, imaginary: Any) -> tuple[Any, Any]:
+        """scale (a + ib) (real + i imaginary)."""
+        return (
+            self.scale * ops.multiply_add(self.a, real, -(self.b * imaginary)),
+            self.scale * ops.multiply_add(self.a, imaginary, self.b * real),
+        )
 
 
-def _index_slopes(q: _Shared, E: Any, real_V: Any, u: Any) -> _IndexSlopes:
-    ops, c2, s2 = q.ops, q.c2, q.s2
-    Y_over_t = q.Y / q.t
-    B = ops.select(q.X < 0.0, q.t, Y_over_t)
+def _index_slopes(q: _Shared, real_V: Any, over_D_s2_W: Any) -> _IndexSlopes:
+    ops, c2, s2, X = q.ops, q.c2, q.s2, q.X
+    below = X < 0.0
+    B = ops.select(below, q.t, q.Y / q.t)
     a = ops.multiply_add(q.eta, q.A, q.k * B)
     # 2ab = Y s²: the difference has no digits left at normal incidence, the quotient none for a = 0
-    b = ops.select(q.X < 0.0, ops.multiply_add(q.eta, B, -(q.k * q.A)), q.Y * s2 / a)
-    M2 = ops.multiply_add(E, E, q.Y2)
-    imaginary = ops.multiply_add(c2 * s2, -4.0 * E, ops.multiply_add(c2, M2, s2))
-    real = ops.multiply_add(q.Xm, ops.multiply_add(s2, -2.0, E), q.Y2)
-    # each product times u at once, so that large indices do not overflow
-    Q_real = ops.multiply_add(real * u, real_V, (q.Y2 * u) * (c2 * (s2 - c2)))
-    Q_imag = q.Y * (imaginary * u)
-    scale = (q.c * SQRT2) / (q.D_s * q.D_s) * (1.0 / q.W)
-    return _IndexSlopes(scale, a, b, Q_real, Q_imag)
+    b = ops.select(below, ops.multiply_add(q.eta, B, -(q.k * q.A)), q.Y * s2 / a)
+    real = ops.multiply_add(q.Xm, X - s2, q.Y2)
+    imaginary = ops.multiply_add(-s2, ops.multiply_add(s2, 3.0, X + X), q.W * q.W)
+    return _IndexSlopes(
+        q.c * over_D_s2_W,
+        a,
+        b,
+        ops.multiply_add(real, real_V, q.Y2 * (c2 * (s2 - c2))),
+        ops.multiply_add(c2, imaginary, s2),
+    )
 
 
 def _reflectance_slopes(q: _Shared, wanted: Wanted) -> Slopes:
@@ -199,57 +202,47 @@ def _reflectance_slopes(q: _Shared, wanted: Wanted) -> Slopes:
         return None, None, None
     ops, c2, s2, X, W, N = q.ops, q.c2, q.s2, q.X, q.W, q.N
     u = 1.0 / (q.D_q * q.D_q)
+    denominator = q.D_s * q.D_s * W
+    over_D_s2_W = SQRT2 / denominator
     wrt_c = wrt_eta = wrt_k = None
     if wanted[0]:
         # dR_s/dc = -4 R_s A/W and dR_p/dc cancel at normal incidence; their sum has the factor s²
         bracket = c2 * ops.multiply_add(X + X, c2, W * W)
-        rest = ops.multiply_add(W, ops.multiply_add(c2, 4.0, 1.0), s2 * s2)
+        rest = ops.multiply_add(W, ops.multiply_add(c2, 4.0, 1.0), q.s4)
         bracket = ops.multiply_add(-s2, rest, bracket)
         bracket = ops.multiply_add(-N, ops.multiply_add(q.Ac, 2.0, 1.0), bracket)
-        wrt_c = ((2.0 * SQRT2 * q.half_R_s) * q.A) * (1.0 / W) * ((s2 * u) * bracket)
+        wrt_c = (q.norm * q.A) * over_D_s2_W * ((s2 * u) * bracket)
     if wanted[1] or wanted[2]:
-        E = _E(q)
-        # next to Brewster's angle c² E - s² is what is left of s², or, if E is small, of X
-        real_V = ops.select(
-            ops.abs(E) < 1.0, ops.multiply_add(-s2, E, X), ops.multiply_add(c2, E, -s2)
-        )
-        f = _index_slopes(q, E, real_V, u)
-        real, imaginary = q.Xm + f.Q_real, q.Y + f.Q_imag
-        wrt_eta = f.scale * ops.multiply_add(f.a, real, -(f.b * imaginary))
-        wrt_k = f.scale * ops.multiply_add(f.a, imaginary, f.b * real)
-    return _where_regular(q, (wrt_c, wrt_eta, wrt_k), wanted)
-
-
-def _E(q: _Shared) -> Any:
-    """Re m²"""
-    return (q.eta - q.k) * (q.eta + q.k)
+        f = _index_slopes(q, ops.multiply_add(c2, X, -q.s4), over_D_s2_W)
+        real = ops.multiply_add(f.Q_real, u, q.Xm)
+        wrt_eta, wrt_k = f.times(ops, real, q.Y * ops.multiply_add(f.Q_imag_over_Y, u, 1.0))
+    return _where_positive(ops, denominator, (wrt_c, wrt_eta, wrt_k), wanted)
 
 
 def _component_slopes(q: _Shared, real_V: Any, wanted: Wanted) -> tuple[Slopes, Slopes]:
     of_s: list[Any] = [None, None, None]
     of_p: list[Any] = [None, None, None]
-    if not any(wanted):
-        return tuple(of_s), tuple(of_p)
     ops, c2, s2, W = q.ops, q.c2, q.s2, q.W
-    u = 1.0 / (q.D_q * q.D_q)
-    if wanted[0]:
-        G = W * W * c2 + 2.0 * s2 * c2 * q.X - s2 * (W + s2 * s2)
-        f_c = q.half_R_s * (4.0 * SQRT2 * q.A / W)
-        of_s[0], of_p[0] = -f_c, f_c * (G * u)
-    if wanted[1] or wanted[2]:
-        f = _index_slopes(q, _E(q), real_V, u)
-        scale = f.scale + f.scale
-        for slopes, real, imaginary in ((of_s, q.Xm, q.Y), (of_p, f.Q_real, f.Q_imag)):
-            slopes[1] = scale * ops.multiply_add(f.a, real, -(f.b * imaginary))
-            slopes[2] = scale * ops.multiply_add(f.a, imaginary, f.b * real)
-    return _where_regular(q, of_s, wanted), _where_regular(q, of_p, wanted)
+    denominator = q.D_s * q.D_s * W
+    if any(wanted):
+        u = 1.0 / (q.D_q * q.D_q)
+        over_D_s2_W = 2.0 * SQRT2 / denominator
+        G = W * W * c2 + 2.0 * s2 * c2 * q.X - s2 * (W + q.s4)
+        minus_f = -(q.norm * q.A) * over_D_s2_W
+        f = _index_slopes(q, real_V, over_D_s2_W)
+        of_s = [minus_f, *f.times(ops, q.Xm, q.Y)]
+        of_p = [-minus_f * (G * u), *f.times(ops, f.Q_real * u, f.Q_imag_over_Y * u * q.Y)]
+    return (
+        _where_positive(ops, denominator, of_s, wanted),
+        _where_positive(ops, denominator, of_p, wanted),
+    )
 
 
-def _where_regular(q: _Shared, slopes: Any, wanted: Wanted) -> Slopes:
-    """0 where W = 0, and where a bad argument has made it NaN."""
-    regular = q.W > 0.0
+def _where_positive(ops: Ops, denominator: Any, slopes: Any, wanted: Wanted) -> Slopes:
+    """0 where W = 0, and where a bad argument has made everything NaN."""
+    regular = denominator > 0.0
     wrt_c, wrt_eta, wrt_k = (
-        q.ops.select(regular, slope, 0.0) if want else None
+        ops.select(regular, slope, 0.0) if want else None
         for slope, want in zip(slopes, wanted, strict=True)
     )
     return wrt_c, wrt_eta, wrt_k
@@ -275,7 +268,6 @@ class _Dielectric(NamedTuple):
     t: Any  # sqrt(X), 0 beyond the critical angle
     D_s: Any
     D_q: Any
-    half_R_s: Any
 
 
 def dielectric(
@@ -311,7 +303,7 @@ def dielectric(
     if compensated:
         T_over_c = 2.0 * ops.multiply_add(t / D_s, twice, t * s2 / D_q)
         T = _small(ops, T, T_over_c, c)
-    q = _Dielectric(c, eta, c2, s2, Xm, X, t, D_s, D_q, half_R_s)
+    q = _Dielectric(c, eta, c2, s2, Xm, X, t, D_s, D_q)
     slopes = _dielectric_slopes(ops, q, wanted)
     return [(R, slopes), (T, _negative(slopes))]
 
@@ -321,21 +313,23 @@ def _dielectric_slopes(ops: Ops, q: _Dielectric, wanted: Wanted) -> Slopes:
     if not any(wanted):
         return None, None, None
     c2, s2, X = q.c2, q.s2, q.X
+    s4, two_ct = s2 * s2, q.c * (q.t + q.t)
     u = 1.0 / (q.D_q * q.D_q)
+    over_D_s2_t = 2.0 / (q.D_s * q.D_s * q.t)
     wrt_c = wrt_eta = None
     if wanted[0]:
-        s4 = s2 * s2
-        bracket = X * ops.multiply_add(s2, -6.0, X + 2.0)
-        bracket = ops.multiply_add(c2, bracket, -(ops.multiply_add(s4, s2, s4) + X))
         N = ops.multiply_add(X, c2, s4)
-        bracket = ops.multiply_add(q.c * q.t, -4.0 * N, bracket)
-        wrt_c = ops.select(X > 0.0, q.half_R_s * (4.0 / q.t) * (s2 * u * bracket), 0.0)
+        bracket = c2 * ops.multiply_add(X + X, c2, X * X)
+        rest = ops.multiply_add(X, ops.multiply_add(c2, 4.0, 1.0), s4)
+        bracket = ops.multiply_add(-s2, rest, bracket)
+        bracket = ops.multiply_add(-N, ops.multiply_add(two_ct, 2.0, 1.0), bracket)
+        wrt_c = (q.Xm * q.Xm) * over_D_s2_t * ((s2 * u) * bracket)
+        wrt_c = ops.select(X > 0.0, wrt_c, 0.0)
     if wanted[1]:
-        E = q.eta * q.eta
-        V = ops.select(E < 1.0, ops.multiply_add(-s2, E, X), ops.multiply_add(c2, E, -s2))
-        factor = ops.multiply_add(ops.multiply_add(s2, -2.0, E) * u, V, 1.0)
-        scale = (q.c + q.c) / (q.D_s * q.D_s) / q.t
-        wrt_eta = ops.select(X > 0.0, scale * (q.Xm * q.eta) * factor, 0.0)
+        real_V = ops.multiply_add(c2, X, -s4)
+        factor = ops.multiply_add((X - s2) * u, real_V, 1.0)
+        wrt_eta = (q.c * over_D_s2_t) * (q.Xm * q.eta) * factor
+        wrt_eta = ops.select(X > 0.0, wrt_eta, 0.0)
     return wrt_c, wrt_eta, None
 
 

@@ -22,13 +22,13 @@ returns the same kind. Rule for bad input, here and in `parametrization`: a *sca
 that entry. Every other entry gives a number in [0, 1].
 
 "wide" on float32 has no limits beyond those of the type. Where float64, or float32 with "native",
-computes in its own type, |m|⁴ has to fit: there an eta or k beyond 2^250, or 2^30, counts as that,
-and so does an eta below 2^-250, or 2^-30.
+computes in its own type, |m|⁶ has to fit: there an eta or k beyond 2^160, or 2^20, counts as that,
+and an eta below 2^-160, or 2^-20, as that.
 """
 
 from __future__ import annotations
 
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
@@ -160,8 +160,8 @@ def refracted_cosine(cos_theta: Any, eta: Any, *, precision: Precision = "wide")
 
 
 NAMES = ("cos_theta", "eta", "k")
-LIMIT = {"float32": 2.0**30, "float64": 2.0**250}
-"""Largest index that is told from a larger one, by the type that has to hold its fourth power."""
+LIMIT = {"float32": 2.0**20, "float64": 2.0**160}
+"""Largest index that is told from a larger one, by the type that has to hold its sixth power."""
 
 
 def _evaluate(formula: Any, arguments: tuple[Any, ...], precision: str) -> list[Any]:
@@ -178,7 +178,7 @@ def _cleaned(
 ) -> tuple[Any, list[Any]]:
     """Arguments within their ranges; eta NaN where an index is not valid, and so every result.
 
-    Written such that a NaN passes: a comparison with it is false. Selecting is faster in kernels than
+    Written such that a NaN passes: a comparison with it is false. In kernels this is faster than
     `clip` and `minimum`, which care for signed zeros.
     """
     c = ops.select(cos_theta < 0.0, 0.0, cos_theta)
