@@ -63,6 +63,10 @@ class Ops:
         """1 - x², accurate for x near 1."""
         raise NotImplementedError
 
+    def where_negative(self, x: Any, a: Any, b: Any) -> Any:
+        """a where x < 0, b elsewhere; either for a NaN or a negative zero."""
+        raise NotImplementedError
+
 
 class NumPyOps(Ops):
     """Operations on NumPy arrays and scalars of one floating-point type."""
@@ -93,6 +97,9 @@ class NumPyOps(Ops):
     def one_minus_square(self, x: Any) -> Any:
         return (1.0 - x) * (1.0 + x)
 
+    def where_negative(self, x: Any, a: Any, b: Any) -> Any:
+        return np.where(x < 0.0, a, b)
+
 
 def _veltkamp(x: Any) -> Any:
     """The upper 26 bits of a float64 (Veltkamp's splitting)."""
@@ -118,6 +125,12 @@ class DrJitOps(Ops):
 
     def one_minus_square(self, x: Any) -> Any:
         return self.dr.fma(-x, x, 1.0)
+
+    def where_negative(self, x: Any, a: Any, b: Any) -> Any:
+        # the sign bit is the mask: nothing to compare
+        dr = self.dr
+        bits = dr.int64_array_t(x) if dr.type_v(x) == dr.VarType.Float64 else dr.int32_array_t(x)
+        return dr.select(dr.reinterpret_array(bits, x) < 0, a, b)
 
 
 def ops_for(*values: Any) -> Ops:

@@ -46,7 +46,6 @@ class _Shared(NamedTuple):
     t: Any  # sqrt(W + |X|)
     A: Any  # sqrt(2) A
     Ac: Any  # 2 A c
-    Acs2: Any
     D_s: Any
     D_q: Any
     N: Any
@@ -67,14 +66,16 @@ def _shared(ops: Ops, c: Any, eta: Any, k: Any, compensated: bool) -> _Shared:
     X = _square_less(ops, c, c2, high, low, compensated)
     W = ops.sqrt(ops.multiply_add(X, X, ops.select(norm == 0.0, 1.0, Y2)))
     t = ops.sqrt(W + ops.abs(X))
-    A = ops.select(X < 0.0, Y / t, t)
+    A = ops.where_negative(X, Y / t, t)
     Ac = A * (c * SQRT2)
-    Acs2, s4 = Ac * s2, s2 * s2
+    s4 = s2 * s2
     N = ops.multiply_add(W, c2, s4)
+    D_s = (W + c2) + Ac
+    # `reflectance` uses the product once more where it is compensated
+    D_q = N + Ac * s2 if compensated else ops.multiply_add(Ac, s2, N)
     return _Shared(
-        ops, compensated, c, eta, k, c2, s2, s4, Xm, norm, X, Y, Y2, W, t, A, Ac, Acs2,
-        (W + c2) + Ac, N + Acs2, N,
-    )  # fmt: skip
+        ops, compensated, c, eta, k, c2, s2, s4, Xm, norm, X, Y, Y2, W, t, A, Ac, D_s, D_q, N
+    )
 
 
 def reflectance(
@@ -83,7 +84,7 @@ def reflectance(
     """[(R, its slopes), (T, its slopes)]."""
     q = _shared(ops, c, eta, k, compensated)
     if compensated:
-        a = q.Acs2 / q.D_q
+        a = q.Ac * q.s2 / q.D_q
         twice = ops.multiply_add(a, -2.0, 2.0)  # 2 N/D_q: from 1 to 2, so nothing is lost
         R = 0.5 * q.norm / (q.D_s * q.D_s) * twice
         R, T = _complements(ops, R, ops.multiply_add(q.Ac / q.D_s, twice, a))
@@ -165,31 +166,32 @@ def _real_V(q: _Shared) -> Any:
 class _IndexSlopes(NamedTuple):
     """Factors of the derivatives wrt eta and k."""
 
-    scale: Any  # h c / (2 sqrt(2))
+    c: Any
+    scale: Any  # h / (2 sqrt(2)), or twice that
     a: Any  # sqrt(2) a
     b: Any
     Q_real: Any
     Q_imag_over_Y: Any
 
     def times(self, ops: Ops, real: Any, imaginary: Any) -> tuple[Any, Any]:
-        """scale (a + ib) (real + i imaginary)."""
+        """c scale (a + ib) (real + i imaginary); c last, or the rest of it may underflow."""
         return (
-            self.scale * ops.multiply_add(self.a, real, -(self.b * imaginary)),
-            self.scale * ops.multiply_add(self.a, imaginary, self.b * real),
+            self.scale * ops.multiply_add(self.a, real, -(self.b * imaginary)) * self.c,
+            self.scale * ops.multiply_add(self.a, imaginary, self.b * real) * self.c,
         )
 
 
 def _index_slopes(q: _Shared, real_V: Any, over_D_s2_W: Any) -> _IndexSlopes:
     ops, c2, s2, X = q.ops, q.c2, q.s2, q.X
-    below = X < 0.0
-    B = ops.select(below, q.t, q.Y / q.t)
+    B = ops.where_negative(X, q.t, q.Y / q.t)
     a = ops.multiply_add(q.eta, q.A, q.k * B)
     # 2ab = Y s²: the difference has no digits left at normal incidence, the quotient none for a = 0
-    b = ops.select(below, ops.multiply_add(q.eta, B, -(q.k * q.A)), q.Y * s2 / a)
+    b = ops.where_negative(X, ops.multiply_add(q.eta, B, -(q.k * q.A)), q.Y * s2 / a)
     real = ops.multiply_add(q.Xm, X - s2, q.Y2)
     imaginary = ops.multiply_add(-s2, ops.multiply_add(s2, 3.0, X + X), q.W * q.W)
     return _IndexSlopes(
-        q.c * over_D_s2_W,
+        q.c,
+        over_D_s2_W,
         a,
         b,
         ops.multiply_add(real, real_V, q.Y2 * (c2 * (s2 - c2))),
@@ -328,7 +330,7 @@ def _dielectric_slopes(ops: Ops, q: _Dielectric, wanted: Wanted) -> Slopes:
     if wanted[1]:
         real_V = ops.multiply_add(c2, X, -s4)
         factor = ops.multiply_add((X - s2) * u, real_V, 1.0)
-        wrt_eta = (q.c * over_D_s2_t) * (q.Xm * q.eta) * factor
+        wrt_eta = over_D_s2_t * (q.Xm * q.eta) * factor * q.c
         wrt_eta = ops.select(X > 0.0, wrt_eta, 0.0)
     return wrt_c, wrt_eta, None
 
