@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import importlib
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from fresnel_decomp import (
     transmittance,
 )
 from oracles import high_precision, high_precision_gradient, mp_ulps, textbook
-from tolerances import NATIVE_P_FLOOR, NATIVE_P_ULP, NATIVE_ULP, WIDE_ULP
+from tolerances import GRADIENT, NATIVE_P_FLOOR, NATIVE_P_ULP, NATIVE_ULP, WIDE_ULP
 
 # --- values ------------------------------------------------------------------------------------
 
@@ -430,6 +431,92 @@ def test_frozen_functions_replay(backend):
             np.array(R), conductor(cos_theta, eta, np.array([0.0, 2.0])), rtol=3e-6
         )
     assert frozen.n_recordings <= 2  # the second without the literals of the first
+
+
+@pytest.mark.parametrize("precision", ["wide", "native"])
+@pytest.mark.parametrize("backend", AD_BACKENDS)
+def test_derivatives_of_frozen_functions(backend, precision):
+    import drjit as dr
+
+    Float = float_type(backend)
+
+    @dr.freeze
+    def slopes(*arguments):
+        dr.enable_grad(*arguments)
+        dr.backward(conductor(*arguments, precision=precision))
+        return [dr.grad(argument) for argument in arguments]
+
+    for shift in (0.0, 0.1, 0.2, 0.3):
+        point = np.array([0.3 + shift, 0.7]), np.array([1.5, 0.3]) + shift, np.array([0.0, 2.0])
+        found = np.array([np.array(s) for s in slopes(*(Float(v) for v in point))])
+        exact = [np.mean(high_precision_gradient(*(float(v[i]) for v in point)), 0) for i in (0, 1)]
+        np.testing.assert_allclose(found.T, exact, rtol=5e-6, atol=1e-30)
+
+
+@pytest.mark.parametrize("mode", ["forward", "backward"])
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("backend", AD_BACKENDS)
+def test_dielectric_has_the_derivatives_of_a_conductor_without_absorption(backend, dtype, mode):
+    import drjit as dr
+
+    Float = float_type(backend, dtype)
+    rng = np.random.default_rng(5)
+    cos_theta, eta = rng.uniform(0.01, 1.0, 400), 10.0 ** rng.uniform(-1.5, 1.5, 400)
+    eta[:10], cos_theta[10:20] = 1.0, 1.0
+    points = [v.astype(dtype) for v in (cos_theta, eta)]
+    for function, reference in ((dielectric, conductor), (_dielectric_T, transmittance)):
+        for i in range(2):
+            slopes = []
+            for f, extra in ((function, ()), (reference, (0.0,))):
+                arguments = [Float(v) for v in points]
+                dr.enable_grad(arguments[i])
+                value = f(*arguments, *extra)
+                if mode == "forward":
+                    dr.forward(arguments[i])
+                    slopes.append(np.array(dr.grad(value)))
+                else:
+                    dr.backward(value)
+                    slopes.append(np.array(dr.grad(arguments[i])))
+            tolerance = GRADIENT[dtype]
+            np.testing.assert_allclose(*slopes, rtol=tolerance, atol=1e-4 * tolerance)
+
+
+def _dielectric_T(cos_theta, eta):
+    return 1.0 - dielectric(cos_theta, eta)
+
+
+@pytest.mark.parametrize("backend", AD_BACKENDS)
+def test_both_modes_agree_in_the_type_of_the_input(backend):
+    import drjit as dr
+
+    Float = float_type(backend)
+    points = [v.astype(np.float32) for v in benign_points()]
+    for function in (conductor, lambda *a, **o: reflectance_components(*a, **o)[3]):
+        arguments = [Float(v) for v in points]
+        dr.enable_grad(arguments)
+        dr.backward(function(*arguments, precision="native"))
+        backward = [np.array(dr.grad(a)) for a in arguments]
+        for i in range(3):
+            arguments = [Float(v) for v in points]
+            dr.enable_grad(arguments[i])
+            value = function(*arguments, precision="native")
+            dr.forward(arguments[i])
+            np.testing.assert_array_equal(np.array(dr.grad(value)), backward[i])
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_half_precision(backend):
+    """Computed in float32 or float64, whichever is asked for, and rounded to float16 at the end."""
+    Half = importlib.import_module(float_type(backend).__module__)
+    Half = getattr(Half, "ArrayXf16" if backend == "scalar" else "Float16")
+    cos_theta, eta, k = (v.astype(np.float16) for v in benign_points())
+    exact = conductor(*(v.astype(np.float64) for v in (cos_theta, eta, k)))
+    for precision in ("wide", "native"):
+        R = conductor(Half(cos_theta), Half(eta), Half(k), precision=precision)
+        assert type(R) is Half
+        for value in (np.array(R), conductor(cos_theta, eta, k, precision=precision)):
+            assert value.dtype == np.float16
+            assert (np.abs(value - exact) <= 0.51 * np.spacing(exact.astype(np.float16))).all()
 
 
 @pytest.mark.parametrize("backend", AD_BACKENDS)

@@ -70,9 +70,7 @@ def _shared(ops: Ops, c: Any, eta: Any, k: Any, compensated: bool) -> _Shared:
     Ac = A * (c * SQRT2)
     s4 = s2 * s2
     N = ops.multiply_add(W, c2, s4)
-    D_s = (W + c2) + Ac
-    # `reflectance` uses the product once more where it is compensated
-    D_q = N + Ac * s2 if compensated else ops.multiply_add(Ac, s2, N)
+    D_s, D_q = (W + c2) + Ac, ops.multiply_add(Ac, s2, N)
     return _Shared(
         ops, compensated, c, eta, k, c2, s2, s4, Xm, norm, X, Y, Y2, W, t, A, Ac, D_s, D_q, N
     )
@@ -83,17 +81,12 @@ def reflectance(
 ) -> list[tuple[Any, Slopes]]:
     """[(R, its slopes), (T, its slopes)]."""
     q = _shared(ops, c, eta, k, compensated)
+    both = 1.0 / (q.D_s * q.D_q)
+    R = (q.norm * both) * (q.N * both * q.D_q)
+    rest = q.D_q + (q.W + q.s2)
+    R, T = _complements(ops, R, q.Ac * both * rest)
     if compensated:
-        a = q.Ac * q.s2 / q.D_q
-        twice = ops.multiply_add(a, -2.0, 2.0)  # 2 N/D_q: from 1 to 2, so nothing is lost
-        R = 0.5 * q.norm / (q.D_s * q.D_s) * twice
-        R, T = _complements(ops, R, ops.multiply_add(q.Ac / q.D_s, twice, a))
-        T_over_c = SQRT2 * ops.multiply_add(q.A / q.D_s, twice, q.A * q.s2 / q.D_q)
-        T = _small(ops, T, T_over_c, c)
-    else:  # quotients are dear in float64, which has room for D_s D_q
-        both = 1.0 / (q.D_s * q.D_q)
-        R = (q.norm * both) * (q.N * both * q.D_q)
-        R, T = _complements(ops, R, q.Ac * both * (q.D_q + (q.W + q.s2)))
+        T = _small(ops, T, SQRT2 * q.A * both * rest, c)
     slopes = _reflectance_slopes(q, wanted)
     return [(R, slopes), (T, _negative(slopes))]
 
@@ -277,7 +270,8 @@ def dielectric(
 ) -> list[tuple[Any, Slopes]]:
     """[(R, slopes), (T, slopes)] for k = 0, where one square root is left: A = t, B = 0, or A = 0.
 
-    R_s = (Xm/D_s)², T_s = 4 c t/D_s, D_q = (c t + s²)².
+    R_s = (Xm/D_s)², T_s = 4 c t/D_s, D_q = (c t + s²)²; and with a = 1 - N/D_q = 2 c t s²/D_q, at
+    most 1/2, R = R_s (1 - a) and T = T_s (1 - a) + a.
     """
     high, low = _one_minus_square(ops, eta, compensated)
     Xm = -(high + low)
@@ -291,19 +285,13 @@ def dielectric(
     two_ct = ct + ct
     root_D_q = ct + s2
     D_s, D_q = (ops.abs(X) + c2) + two_ct, root_D_q * root_D_q
-    if compensated:
-        half_T_s, a = two_ct / D_s, two_ct * s2 / D_q
-        root_half_R_s = Xm * SQRT_HALF / D_s
-    else:
-        both = 1.0 / (D_s * D_q)
-        over_D_s = D_q * both
-        half_T_s, a = two_ct * over_D_s, two_ct * s2 * (D_s * both)
-        root_half_R_s = Xm * SQRT_HALF * over_D_s
-    twice = ops.multiply_add(a, -2.0, 2.0)
+    over_D_s, a = 1.0 / D_s, two_ct * s2 / D_q
+    half_T_s, root_half_R_s = two_ct * over_D_s, Xm * SQRT_HALF * over_D_s
+    twice = ops.multiply_add(a, -2.0, 2.0)  # 2 N/D_q: from 1 to 2, so nothing is lost
     half_R_s = root_half_R_s * root_half_R_s
     R, T = _complements(ops, half_R_s * twice, ops.multiply_add(half_T_s, twice, a))
     if compensated:
-        T_over_c = 2.0 * ops.multiply_add(t / D_s, twice, t * s2 / D_q)
+        T_over_c = 2.0 * t * ops.multiply_add(over_D_s, twice, s2 / D_q)
         T = _small(ops, T, T_over_c, c)
     q = _Dielectric(c, eta, c2, s2, Xm, X, t, D_s, D_q)
     slopes = _dielectric_slopes(ops, q, wanted)
