@@ -3,9 +3,9 @@ r"""The Fresnel equations without cancellation, values and derivatives, for any 
 `fresnel` has the formulas and the public functions; here they are in the order in which they are
 evaluated. Two things decide that order. Accuracy: nothing is subtracted but what is X, Re(m² - 1)
 and Re V, which carry the rounding errors of their squares. Speed: in the kernels of Dr.Jit the
-number of operations decides, among which a few square roots and quotients are no dearer than others;
-and what depends on the index alone stands apart, so that a compiler takes it out of a loop over
-angles. docs/speed.md counts them.
+number of operations decides, and a few square roots and quotients are no dearer than others; what
+depends on the index alone stands apart, so that a compiler takes it out of a loop over angles.
+docs/speed.md counts them.
 
 No mask protects a quotient. D_s can vanish for m = 1 only: then W is made 1, which leaves R = 0
 exactly, and T = 1 - R. Where W = 0 the quotient is not the one that is selected.
