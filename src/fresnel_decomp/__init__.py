@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from ._check import InputError
     from .basis import Basis, FitError, extract_basis, load_basis
     from .closed_form import ClosedForm
-    from .colour import delta_e_2000, linear_to_srgb, rgb_weights
+    from .colour import delta_e_2000, gamut_excess, linear_to_srgb, rgb_weights
+    from .converters import Converted, Loss, convert
     from .curves import CurveSet
     from .extraction import RECIPES
     from .fresnel import (
@@ -34,13 +35,15 @@ if TYPE_CHECKING:
         gulbrandsen_to_ior,
         ior_to_gulbrandsen,
     )
+    from .representations import Curve, LinearTint, MetallicBase, NodeColours
     from .spectra import Material, list_materials, load_material
 
 _HOMES = {
     "_check": ["InputError"],
     "basis": ["Basis", "FitError", "extract_basis", "load_basis"],
     "closed_form": ["ClosedForm"],
-    "colour": ["delta_e_2000", "linear_to_srgb", "rgb_weights"],
+    "colour": ["delta_e_2000", "gamut_excess", "linear_to_srgb", "rgb_weights"],
+    "converters": ["Converted", "Loss", "convert"],
     "curves": ["CurveSet"],
     "extraction": ["RECIPES"],
     "fresnel": [
@@ -66,6 +69,7 @@ _HOMES = {
         "gulbrandsen_to_ior",
         "ior_to_gulbrandsen",
     ],
+    "representations": ["Curve", "LinearTint", "MetallicBase", "NodeColours"],
     "spectra": ["Material", "list_materials", "load_material"],
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
@@ -76,6 +80,8 @@ __all__ = [
     "RECIPES",
     "Basis",
     "ClosedForm",
+    "Converted",
+    "Curve",
     "CurveSet",
     "Decomposition",
     "Exact",
@@ -83,15 +89,21 @@ __all__ = [
     "Gulbrandsen",
     "InputError",
     "Lazanyi",
+    "LinearTint",
+    "Loss",
     "Material",
+    "MetallicBase",
+    "NodeColours",
     "Schlick",
     "__version__",
     "conductor",
+    "convert",
     "delta_e_2000",
     "dielectric",
     "extract_basis",
     "f0_from_ior",
     "f82_from_ior",
+    "gamut_excess",
     "gulbrandsen_to_ior",
     "ior_to_gulbrandsen",
     "linear_to_srgb",
