@@ -14,6 +14,7 @@ from ._version import __version__
 
 if TYPE_CHECKING:
     from ._check import InputError
+    from .albedo import directional_albedo
     from .basis import Basis, FitError, extract_basis, load_basis
     from .closed_form import ClosedForm
     from .colour import delta_e_2000, gamut_excess, linear_to_srgb, rgb_weights
@@ -37,9 +38,11 @@ if TYPE_CHECKING:
     )
     from .representations import Curve, LinearTint, MetallicBase, NodeColours
     from .spectra import Material, list_materials, load_material
+    from .table import AlbedoTable
 
 _HOMES = {
     "_check": ["InputError"],
+    "albedo": ["directional_albedo"],
     "basis": ["Basis", "FitError", "extract_basis", "load_basis"],
     "closed_form": ["ClosedForm"],
     "colour": ["delta_e_2000", "gamut_excess", "linear_to_srgb", "rgb_weights"],
@@ -71,13 +74,15 @@ _HOMES = {
     ],
     "representations": ["Curve", "LinearTint", "MetallicBase", "NodeColours"],
     "spectra": ["Material", "list_materials", "load_material"],
+    "table": ["AlbedoTable"],
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
-_SUBMODULES = {"doctor", "images", "mitsuba", *_HOMES} - {"_check"}
+_SUBMODULES = {"doctor", "images", "microfacet", "mitsuba", *_HOMES} - {"_check"}
 
 __all__ = [
     "F82",
     "RECIPES",
+    "AlbedoTable",
     "Basis",
     "ClosedForm",
     "Converted",
@@ -100,6 +105,7 @@ __all__ = [
     "convert",
     "delta_e_2000",
     "dielectric",
+    "directional_albedo",
     "extract_basis",
     "f0_from_ior",
     "f82_from_ior",

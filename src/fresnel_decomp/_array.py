@@ -51,6 +51,18 @@ class Ops:
     minimum: Callable[..., Any]
     maximum: Callable[..., Any]
     select: Callable[..., Any]
+    sin: Callable[..., Any]
+    cos: Callable[..., Any]
+    exp: Callable[..., Any]
+    erf: Callable[..., Any]
+    arccos: Callable[..., Any]
+    arctan2: Callable[..., Any]
+    sinh: Callable[..., Any]
+    arcsinh: Callable[..., Any]
+
+    def detach(self, value: Any) -> Any:
+        """`value` without its gradient."""
+        return value
 
     def two_product(self, a: Any, b: Any) -> tuple[Any, Any]:
         """(p, e) with p = fl(a b) and p + e = a b exactly."""
@@ -64,6 +76,10 @@ class NumPyOps(Ops):
         self.dtype = np.dtype(dtype)
         self.sqrt, self.abs, self.hypot = np.sqrt, np.abs, np.hypot
         self.minimum, self.maximum, self.select = np.minimum, np.maximum, np.where
+        self.sin, self.cos, self.exp = np.sin, np.cos, np.exp
+        self.arccos, self.arctan2 = np.arccos, np.arctan2
+        self.sinh, self.arcsinh = np.sinh, np.arcsinh
+        self.erf = _erf
 
     def two_product(self, a: Any, b: Any) -> tuple[Any, Any]:
         # NumPy has no fused multiply-add
@@ -74,6 +90,12 @@ class NumPyOps(Ops):
         a_hi, b_hi = _veltkamp(a), _veltkamp(b)
         a_lo, b_lo = a - a_hi, b - b_hi
         return p, ((a_hi * b_hi - p) + a_hi * b_lo + a_lo * b_hi) + a_lo * b_lo
+
+
+def _erf(x: Any) -> Any:
+    from scipy.special import erf
+
+    return erf(x)
 
 
 def _veltkamp(x: Any) -> Any:
@@ -92,6 +114,12 @@ class DrJitOps(Ops):
         self.sqrt, self.abs = dr.sqrt, dr.abs
         self.hypot = self._hypot
         self.minimum, self.maximum, self.select = dr.minimum, dr.maximum, dr.select
+        self.sin, self.cos, self.exp, self.erf = dr.sin, dr.cos, dr.exp, dr.erf
+        self.arccos, self.arctan2 = dr.acos, dr.atan2
+        self.sinh, self.arcsinh = dr.sinh, dr.asinh
+
+    def detach(self, value: Any) -> Any:
+        return self.dr.detach(value)
 
     def _hypot(self, a: Any, b: Any) -> Any:
         """sqrt(a² + b²) for finite a and b; `dr.hypot` also cares for infinities."""

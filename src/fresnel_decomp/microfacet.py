@@ -1,0 +1,367 @@
+r"""Microfacet terms that hold at their limits: GGX and Beckmann, isotropic, Smith's model.
+
+Everything is built from the projected area of the visible normals (Heitz 2014, "Understanding the
+Masking-Shadowing Function", Eq. 22 and 43),
+
+    sigma(c) = c (1 + Lambda(c)),
+
+because it is a sum of terms that are not negative and is finite where Lambda is not, at c = 0:
+
+    GGX       sigma = (c + sqrt(c² + a² s²)) / 2
+    Beckmann  sigma = c (1 + erf x)/2 + a s exp(-x²) / (2 sqrt(pi)),   x = c / (a s)
+
+with s² = 1 - c² and the roughness a = alpha. Masking is G1 = c / sigma, and masking-shadowing
+
+    separable   G2 = G1(i) G1(o)
+    correlated  G2 = c_i c_o / (c_o sigma_i + c_i sigma_o - c_i c_o)     (height-correlated)
+
+Directions are triples (x, y, z) in a frame whose z axis is the surface normal; `alpha` is the
+square of what artists call roughness. Arguments are Python floats, NumPy arrays or Dr.Jit arrays.
+Formulas as in a shader: nothing is checked or clamped but what is said.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal, Protocol
+
+import numpy as np
+
+from ._array import Ops, floating_type, is_drjit, one_kind, ops_for
+from ._check import choose
+
+__all__ = [
+    "DISTRIBUTIONS",
+    "SMITH",
+    "half_vector",
+    "masking",
+    "masking_shadowing",
+    "ndf",
+    "projected_area",
+    "reflect",
+    "sample_visible_normal",
+    "smith_lambda",
+]
+
+Distribution = Literal["ggx", "beckmann"]
+Smith = Literal["separable", "correlated"]
+
+SMITH = ("separable", "correlated")
+"""How masking and shadowing combine: independently, as in Mitsuba and in the talk, or depending on
+the height of the microfacet, as in Filament, Unity and three.js."""
+
+Vector = tuple[Any, Any, Any]
+
+
+def ndf(normal: Vector, alpha: Any, distribution: Distribution = "ggx") -> Any:
+    """Density of microfacet normals per solid angle: its integral times the cosine is 1.
+
+    Parameters
+    ----------
+    normal : triple of (...) float
+        Unit vector. A triple and not a cosine, because near the normal the cosine has lost the
+        angle: in float32 all slopes below 2e-4 have cosine 1.
+    alpha : (...) float > 0
+    distribution : {"ggx", "beckmann"}
+
+    Returns
+    -------
+    (...) float >= 0; 0 below the horizon
+
+    Examples
+    --------
+    >>> from fresnel_decomp.microfacet import ndf
+    >>> round(float(ndf((0.0, 0.0, 1.0), 0.5)), 6)  # 1 / (pi alpha²)
+    1.27324
+    """
+    shape = _shape(distribution)
+    ops, (x, y, z, alpha) = _arguments(*normal, alpha)
+    above = z > 0.0
+    cos = ops.select(above, z, 1.0)
+    # divided by alpha before squared: alpha² may underflow where the slope does not
+    u, v = x / (alpha * cos), y / (alpha * cos)
+    density = shape.slope_density(ops, u * u + v * v) / (alpha * cos * cos) / (alpha * cos * cos)
+    return ops.select(above, density, 0.0)
+
+
+def projected_area(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx") -> Any:
+    """Area of the visible microfacets, seen from a direction, over that of the surface.
+
+    Parameters
+    ----------
+    cos_theta : (...) float in [0, 1]
+    alpha : (...) float >= 0
+    distribution : {"ggx", "beckmann"}
+
+    Returns
+    -------
+    (...) float in [cos_theta, 1); cos_theta at alpha = 0. Finite derivatives for alpha > 0.
+    """
+    shape = _shape(distribution)
+    ops, (cos_theta, alpha) = _arguments(cos_theta, alpha)
+    return shape.projected_area(ops, cos_theta, alpha)
+
+
+def smith_lambda(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx") -> Any:
+    """Smith's Lambda: masked over visible area. Infinite at cos_theta = 0; see `projected_area`.
+
+    Parameters
+    ----------
+    cos_theta : (...) float in (0, 1]
+    alpha : (...) float >= 0
+    """
+    shape = _shape(distribution)
+    ops, (cos_theta, alpha) = _arguments(cos_theta, alpha)
+    return shape.hidden_area(ops, cos_theta, alpha) / cos_theta
+
+
+def masking(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx") -> Any:
+    """Smith's G1, the visible share of microfacets that face a direction.
+
+    Parameters
+    ----------
+    cos_theta : (...) float in [0, 1]
+    alpha : (...) float >= 0
+
+    Returns
+    -------
+    (...) float in [0, 1]; 0 at cos_theta = 0 unless alpha = 0, where it is 1
+
+    Examples
+    --------
+    >>> from fresnel_decomp.microfacet import masking
+    >>> masking(1.0, 0.5), masking(0.0, 0.5), masking(0.0, 0.0)
+    (1.0, 0.0, 1.0)
+    """
+    shape = _shape(distribution)
+    ops, (cos_theta, alpha) = _arguments(cos_theta, alpha)
+    area = shape.projected_area(ops, cos_theta, alpha)
+    flat = area == 0.0
+    return ops.select(flat, 1.0, cos_theta / ops.select(flat, 1.0, area))
+
+
+def masking_shadowing(
+    cos_theta_i: Any,
+    cos_theta_o: Any,
+    alpha: Any,
+    smith: Smith = "separable",
+    distribution: Distribution = "ggx",
+) -> Any:
+    """G2, the share of microfacets that both directions see.
+
+    Parameters
+    ----------
+    cos_theta_i, cos_theta_o : (...) float in [0, 1]
+    alpha : (...) float >= 0
+    smith : {"separable", "correlated"}
+        See `SMITH`.
+
+    Returns
+    -------
+    (...) float in [0, 1], symmetric in the directions
+
+    Examples
+    --------
+    >>> from fresnel_decomp.microfacet import masking_shadowing
+    >>> [round(float(masking_shadowing(0.2, 0.2, 0.5, smith)), 4) for smith in SMITH]
+    [0.2829, 0.3623]
+    """
+    choose("smith", smith, SMITH)
+    first = masking(cos_theta_o, alpha, distribution)
+    second = masking(cos_theta_i, alpha, distribution)
+    ops = ops_for(first, second)
+    if smith == "separable":
+        return first * second
+    union = first + second - first * second
+    dark = union == 0.0
+    return ops.select(dark, 0.0, first * second / ops.select(dark, 1.0, union))
+
+
+def half_vector(wi: Vector, wo: Vector) -> tuple[Vector, Any]:
+    """The microfacet normal that reflects `wi` to `wo`, and the cosine between it and either.
+
+    The cosine is half the length of wi + wo, which is right where a dot product is not: it is
+    exactly 1 for retroreflection, wi = wo, and keeps its digits when both directions graze.
+
+    Parameters
+    ----------
+    wi, wo : triples of (...) float, unit vectors
+
+    Returns
+    -------
+    normal : triple of (...) float; (0, 0, 1) for opposite directions
+    cos_theta : (...) float in [0, 1]
+    """
+    ops, values = _arguments(*wi, *wo)
+    x, y, z = (a + b for a, b in zip(values[:3], values[3:], strict=True))
+    square = x * x + y * y + z * z
+    opposite = square == 0.0
+    length = ops.sqrt(ops.select(opposite, 1.0, square))
+    zero = ops.select(opposite, 0.0, 1.0) / length
+    normal = (x * zero, y * zero, ops.select(opposite, 1.0, z / length))
+    return normal, ops.minimum(ops.select(opposite, 0.0, 0.5 * length), 1.0)
+
+
+def reflect(wo: Vector, normal: Vector) -> Vector:
+    """`wo` mirrored about a unit normal."""
+    _, values = _arguments(*wo, *normal)
+    w, h = values[:3], values[3:]
+    twice = 2.0 * (w[0] * h[0] + w[1] * h[1] + w[2] * h[2])
+    return twice * h[0] - w[0], twice * h[1] - w[1], twice * h[2] - w[2]
+
+
+def sample_visible_normal(
+    wo: Vector, alpha: Any, u1: Any, u2: Any, distribution: Distribution = "ggx"
+) -> Vector:
+    """A microfacet normal, distributed as the area that `wo` sees of it.
+
+    GGX by the spherical cap of Dupuy and Benyoub 2023, "Sampling Visible GGX Normals with Spherical
+    Caps"; Beckmann by inverting the distribution of slopes in the plane of incidence, as in
+    Jakob 2014, "An Improved Visible Normal Sampling Routine for the Beckmann Distribution".
+
+    Parameters
+    ----------
+    wo : triple of (...) float, unit vector with z >= 0
+    alpha : (...) float > 0
+    u1, u2 : (...) float in [0, 1)
+        Uniform random numbers.
+
+    Returns
+    -------
+    triple of (...) float: a unit vector with positive cosine to `wo`
+    """
+    shape = _shape(distribution)
+    ops, (x, y, z, alpha, u1, u2) = _arguments(*wo, alpha, u1, u2)
+    # the frame in which the surface has roughness 1
+    x, y = alpha * x, alpha * y
+    length = ops.sqrt(x * x + y * y + z * z)
+    x, y, z = x / length, y / length, z / length
+    x, y, z = shape.sample_unit(ops, x, y, z, u1, u2)
+    x, y = alpha * x, alpha * y
+    length = ops.sqrt(x * x + y * y + z * z)
+    return x / length, y / length, z / length
+
+
+# --- the two distributions -----------------------------------------------------------------------
+
+
+class Shape(Protocol):
+    """What tells one distribution from another, for arguments of one kind."""
+
+    def slope_density(self, ops: Ops, square: Any) -> Any:
+        """Density of slopes at roughness 1, of the squared length of the slope."""
+        ...
+
+    def projected_area(self, ops: Ops, c: Any, alpha: Any) -> Any:
+        """sigma = c (1 + Lambda)."""
+        ...
+
+    def hidden_area(self, ops: Ops, c: Any, alpha: Any) -> Any:
+        """sigma - c = c Lambda."""
+        ...
+
+    def slope_node(
+        self, ops: Ops, numerator: Any, denominator: Any, edge: Any, w: Any, weight: Any
+    ) -> tuple[Any, Any, Any]:
+        """(a, b, weight) of a slope t = a/b <= numerator/denominator, for w in [0, 1].
+
+        `weight` is that of P(t) t dt, over b. `edge` is the scale on which F may vary near the
+        last angle.
+        """
+        ...
+
+    def sample_unit(self, ops: Ops, x: Any, y: Any, z: Any, u1: Any, u2: Any) -> Vector:
+        """A visible normal at roughness 1, of any length."""
+        ...
+
+
+class _GGX:
+    def slope_density(self, ops: Ops, square: Any) -> Any:
+        inverse = 1.0 / (1.0 + square)
+        return inverse * inverse / math.pi
+
+    def projected_area(self, ops: Ops, c: Any, alpha: Any) -> Any:
+        return 0.5 * (c + self._stretched(ops, c, alpha))
+
+    def hidden_area(self, ops: Ops, c: Any, alpha: Any) -> Any:
+        # (L - c)/2 without its cancellation
+        length = self._stretched(ops, c, alpha)
+        tangent = alpha * alpha * (1.0 - c) * (1.0 + c)
+        total = length + c
+        return 0.5 * tangent / ops.select(total > 0.0, total, 1.0)
+
+    def _stretched(self, ops: Ops, c: Any, alpha: Any) -> Any:
+        return ops.sqrt(alpha * alpha * ((1.0 - c) * (1.0 + c)) + c * c)
+
+    def slope_node(
+        self, ops: Ops, numerator: Any, denominator: Any, edge: Any, w: Any, weight: Any
+    ) -> tuple[Any, Any, Any]:
+        # t = tan(theta) and theta = theta* - edge sinh(rate (1 - w))²: dense near the last angle.
+        # All by the complements of angles, which are small there.
+        last = ops.arctan2(denominator, numerator)
+        span = 0.5 * math.pi - last
+        rate = ops.detach(ops.arcsinh(ops.sqrt(ops.maximum(span / edge, 1e-12))))
+        wave, end = ops.sinh(rate * (1.0 - w)), ops.sinh(rate)
+        scale = span / (end * end)
+        complement = last + scale * wave * wave
+        step = 2.0 * scale * rate * wave * ops.sqrt(1.0 + wave * wave)
+        across = ops.cos(complement)
+        return across, ops.sin(complement), step * weight * across / math.pi
+
+    def sample_unit(self, ops: Ops, x: Any, y: Any, z: Any, u1: Any, u2: Any) -> Vector:
+        phi = 2.0 * math.pi * u1
+        # a direction, uniform on the cap above -z; 1 + cap by itself, since it may be small
+        above = (1.0 - z) + (1.0 - u2) * (1.0 + z)
+        cap = above - 1.0
+        radius = ops.sqrt(ops.maximum(above * (2.0 - above), 0.0))
+        return radius * ops.cos(phi) + x, radius * ops.sin(phi) + y, ops.maximum(cap + z, 1e-30)
+
+
+class _Beckmann:
+    def slope_density(self, ops: Ops, square: Any) -> Any:
+        return ops.exp(-square) / math.pi
+
+    def projected_area(self, ops: Ops, c: Any, alpha: Any) -> Any:
+        ratio, spread = self._ratio(ops, c, alpha)
+        tail = ops.exp(-ratio * ratio) / (2.0 * math.sqrt(math.pi))
+        return 0.5 * c * (1.0 + ops.erf(ratio)) + spread * tail
+
+    def hidden_area(self, ops: Ops, c: Any, alpha: Any) -> Any:
+        ratio, spread = self._ratio(ops, c, alpha)
+        tail = ops.exp(-ratio * ratio) / (2.0 * math.sqrt(math.pi))
+        return ops.maximum(spread * tail - 0.5 * c * (1.0 - ops.erf(ratio)), 0.0)
+
+    def _ratio(self, ops: Ops, c: Any, alpha: Any) -> tuple[Any, Any]:
+        """c / (alpha s), at most 8, where nothing is masked any more, and alpha s."""
+        spread = alpha * ops.sqrt(ops.maximum((1.0 - c) * (1.0 + c), 0.0))
+        few = c < 8.0 * spread
+        return ops.select(few, c / ops.select(few, spread, 1.0), 8.0), spread
+
+    def slope_node(
+        self, ops: Ops, numerator: Any, denominator: Any, edge: Any, w: Any, weight: Any
+    ) -> tuple[Any, Any, Any]:
+        farthest = 4.2  # beyond it are 2e-8 of all slopes
+        last = numerator / ops.maximum(denominator, numerator / farthest)
+        t = last * w
+        return t, 1.0, ops.exp(-t * t) * t * last * weight / math.pi
+
+    def sample_unit(self, ops: Ops, x: Any, y: Any, z: Any, u1: Any, u2: Any) -> Vector:
+        raise NotImplementedError
+
+
+_SHAPES: dict[str, Shape] = {"ggx": _GGX(), "beckmann": _Beckmann()}
+
+DISTRIBUTIONS = tuple(_SHAPES)
+"""Names of the distributions."""
+
+
+def _shape(distribution: str) -> Shape:
+    return _SHAPES[choose("distribution", distribution, DISTRIBUTIONS)]
+
+
+def _arguments(*values: Any) -> tuple[Ops, tuple[Any, ...]]:
+    """The operations for these values, and the values as arrays of one kind."""
+    if is_drjit(*values):
+        return ops_for(*values), one_kind(*values)
+    dtype = floating_type(*values)
+    return ops_for(), tuple(np.asarray(value, dtype)[()] for value in values)
