@@ -38,6 +38,7 @@ __all__ = [
     "delta_e_2000",
     "gamut_excess",
     "linear_to_srgb",
+    "luminance_weights",
     "rgb_weights",
     "srgb_hex",
 ]
@@ -118,6 +119,25 @@ def rgb_weights(
             "Choose a wider space, e.g. colourspace='Rec.2020'.",
         )
     return weights / white
+
+
+def luminance_weights(
+    illuminant: Illuminant = "D65", observer: str = "cie_2_1931"
+) -> NDArray[np.float64]:
+    """The weights (471,) over `WAVELENGTH_NM` that turn a reflectance into relative luminance.
+
+    Parameters and errors as for `rgb_weights`; the sum is 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fresnel_decomp.colour import luminance_weights
+    >>> round(float(luminance_weights("A") @ np.full(471, 0.5)), 12)
+    0.5
+    """
+    power = _named_power(illuminant) if isinstance(illuminant, str) else _user_power(*illuminant)
+    weights = _matching_functions(choose("observer", observer, OBSERVERS))[1] * power
+    return weights / weights.sum()
 
 
 def delta_e_2000(
