@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ._check import InputError
     from .albedo import directional_albedo
     from .basis import Basis, FitError, extract_basis, load_basis
+    from .basis_table import BasisTable
     from .closed_form import ClosedForm
     from .colour import delta_e_2000, gamut_excess, linear_to_srgb, rgb_weights
     from .converters import Converted, Loss, convert
@@ -44,6 +45,7 @@ _HOMES = {
     "_check": ["InputError"],
     "albedo": ["directional_albedo"],
     "basis": ["Basis", "FitError", "extract_basis", "load_basis"],
+    "basis_table": ["BasisTable"],
     "closed_form": ["ClosedForm"],
     "colour": ["delta_e_2000", "gamut_excess", "linear_to_srgb", "rgb_weights"],
     "converters": ["Converted", "Loss", "convert"],
@@ -84,6 +86,7 @@ __all__ = [
     "RECIPES",
     "AlbedoTable",
     "Basis",
+    "BasisTable",
     "ClosedForm",
     "Converted",
     "Curve",
