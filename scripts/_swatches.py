@@ -31,7 +31,7 @@ def swatches(name: str, illuminant: str = "D65") -> tuple[np.ndarray, dict[str, 
     return exact[at], {model: curve[at] for model, curve in curves.items()}
 
 
-def draw_models(path: Path, names: Sequence[str] = TELLING) -> None:
+def draw_models(path: Path, names: Sequence[str]) -> None:
     """For each material a block of rows, one a model; each patch is exact on the left."""
     shown = [models.MITSUBA, models.BALANCED, "Schlick", "F82", "Gulbrandsen", DEFAULT]
     columns = 2

@@ -31,7 +31,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 import _colour_models as models
 from _figure import ROOT, main
-from _swatches import draw_all, draw_models
+from _swatches import TELLING, draw_all, draw_models
 from accuracy_table import markdown
 from fresnel_decomp import RECIPES, __version__, list_materials, load_basis, load_material
 from fresnel_decomp._check import choose, input_error
@@ -49,6 +49,7 @@ BOUNDS = {"mean of all": 0.10, "mean of each": 0.25, "largest to 85°": 1.0, "la
 """For four terms of the recipe `notebook` in D65."""
 
 MARKS = ("<!-- colour report -->", "<!-- end -->")
+HELD_MARKS = ("<!-- colour report held -->", "<!-- end -->")
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
@@ -84,10 +85,8 @@ def report(
     lights = [name.strip() for name in illuminants.split(",") if name.strip()]
     for name in lights:
         choose("illuminant", name, ILLUMINANTS)
-    if page is not None and any(mark not in page.read_text(encoding="utf-8") for mark in MARKS):
-        raise input_error(
-            f"'{page}' without {' and '.join(MARKS)}", "a page with both lines", "Add them."
-        )
+    if page is not None:
+        split_page(page, held)
     names = [*only, *more] or (held_names() if held else usable_names())
     folder = writable_folder(out or ROOT / "out" / ("held" if held else "colour"))
     rows = compute(names, lights, folder, force)
@@ -98,10 +97,12 @@ def report(
     if not held:
         target = writable_folder(pictures or folder)
         with Console(stderr=True).status("drawing swatches"):
-            draw_models(target / "colour_models.png")
+            telling = [name for name in TELLING if name in names] or names[:6]
+            draw_models(target / "colour_models.png", telling)
             draw_all(target / "colour_materials.png", names)
     if page is not None:
-        replace_tables(page, text, "held" if held else "")
+        before, after = split_page(page, held)
+        write_text(page, f"{before}\n\n{text}\n\n{after}")
     click.echo(f"\nWrote report.csv and report.md to {folder}")
 
 
@@ -312,12 +313,22 @@ def short(name: str) -> str:
     return name.removeprefix("refractiveindex:")
 
 
-def replace_tables(page: Path, text: str, which: str = "") -> None:
-    """Put the tables between the marks of a page."""
-    first, last = (mark.replace("report", f"report {which}".strip()) for mark in MARKS)
-    before, rest = page.read_text(encoding="utf-8").split(first, 1)
-    after = rest.split(last, 1)[1]
-    write_text(page, f"{before}{first}\n\n{text}\n\n{last}{after}")
+def split_page(page: Path, held: bool) -> tuple[str, str]:
+    """What is before and after the tables of a page, marks included.
+
+    Raises
+    ------
+    InputError
+        If the marks are not there.
+    """
+    first, last = HELD_MARKS if held else MARKS
+    before, mark, rest = page.read_text(encoding="utf-8").partition(first)
+    _, end, after = rest.partition(last)
+    if not (mark and end):
+        raise input_error(
+            f"'{page}' without the lines {first} and {last}", "a page with both", "Add them."
+        )
+    return before + first, last + after
 
 
 if __name__ == "__main__":

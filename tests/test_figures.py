@@ -15,7 +15,7 @@ import pytest
 SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
 MODULES = (
     "_figure", "_page", "_renders", "fig01a_basis", "fig01b_beryllium", "fig01c_roughness",
-    "fig02_edge_tint", "fig03_shader_balls", "reproduce",
+    "fig02_edge_tint", "fig03_shader_balls", "fig04_linear_tint", "reproduce",
 )  # fmt: skip
 RENDERED = ("fig01b_beryllium", "fig01c_roughness", "fig02_edge_tint", "fig03_shader_balls")
 

@@ -35,7 +35,7 @@ def test_picture_is_the_directional_albedo(script):
         script.render("llvm_ad_spectral", {**bsdf, "material": "none"}, 0.3, 1024, 0)
     )
     gold = script.rings(script.render("llvm_ad_spectral", bsdf, 0.3, 1024, 1))
-    np.testing.assert_allclose(white[1:4], white[1:4, :1], atol=0.004)  # D65 is white
+    np.testing.assert_allclose(white[1:4], white[1:4].mean(), atol=0.004)  # D65 is white
     # pixels of a ring average over cosines: compare well inside
     distance = (np.arange(6) + 0.5) / script.RINGS
     mu = np.sqrt(1.0 - distance**2)
