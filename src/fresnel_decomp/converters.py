@@ -59,7 +59,10 @@ NoCounterpart = Literal["raise", "nearest"]
 class Loss(NamedTuple):
     """How far the converted curve is from the source's, over 0° to 90° in steps of half a degree.
 
-    max, rmse : (...) float, of the reflectance, one for each channel
+    Attributes
+    ----------
+    max, rmse : (...) float
+        Of the reflectance, one for each channel.
     delta_e_mean, delta_e_max : (...) float or None
         CIEDE2000 of RGB triples, where the last axis has three entries; one for each triple.
     """

@@ -27,15 +27,9 @@ _CHANNELS = "RGB"
 
 @dataclass(frozen=True, eq=False)
 class MaterialCard:
-    """Everything on the card.
+    """Everything on the card: the spectrum in linear sRGB, in each form that engines store.
 
-    Attributes
-    ----------
-    material : Material
-    illuminant : str
-    basis : Basis
-    coefficients, nodes, gulbrandsen, linear_tint, f82, base_colour : Converted
-        The spectrum in linear sRGB, in each form; the nearest value where there is no counterpart.
+    Each form is what `converters.convert` returns, the nearest value where there is no counterpart.
     """
 
     material: Material
