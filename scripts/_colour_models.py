@@ -14,6 +14,7 @@ from fresnel_decomp import (
     F82,
     RECIPES,
     Curve,
+    Lazanyi,
     Material,
     Schlick,
     conductor,
@@ -22,6 +23,7 @@ from fresnel_decomp import (
     directional_albedo,
     gamut_excess,
     load_basis,
+    load_material,
 )
 from fresnel_decomp.colour import WAVELENGTH_NM, rgb_weights
 from fresnel_decomp.parametrization import F82_COSINE
@@ -162,3 +164,35 @@ def rows(material: Material, illuminants: Sequence[str], name: str = "") -> list
             )
             result.append(asdict(row))
     return result
+
+
+def colour_errors(names: Sequence[str], terms: Sequence[int] = (3, 4, 5, 6)) -> dict[str, str]:
+    """Mean and largest ΔE00 over all materials and angles in D65, by model.
+
+    Models, named as in `accuracy_table`, store the integrated spectrum: Schlick its F0, F82 also the
+    value at cos = 1/7, Lazanyi its F0 and the correction of the white-balanced index, bases their
+    coefficients.
+    """
+    n = len(DEGREES)
+    cosine = COSINES[:n, None]
+    materials = [load_material(name) for name in names]
+    exact = np.stack([material.rgb_reflectance(COSINES[:n]) for material in materials])
+    ends = [m.rgb_reflectance(np.array([1.0, F82_COSINE])) for m in materials]
+    bent = [Lazanyi.from_ior(*material.rgb_indices()) for material in materials]
+    fits = {
+        "Schlick": [Schlick(f0)(cosine) for f0, _ in ends],
+        "Lazanyi": [
+            Lazanyi(f0, own.a, own.exponent)(cosine)
+            for (f0, _), own in zip(ends, bent, strict=True)
+        ],
+        "F82": [F82(*pair)(cosine) for pair in ends],
+    }
+    for recipe in RECIPES:
+        for count in terms:
+            basis = load_basis(recipe, count)
+            functions = basis(COSINES[:n])
+            fits[f"{recipe}, {count} terms"] = [
+                functions @ material.rgb_coefficients(basis).T for material in materials
+            ]
+    errors = {name: delta_e_2000(np.stack(fit), exact) for name, fit in fits.items()}
+    return {name: f"{error.mean():.3f} / {error.max():.2f}" for name, error in errors.items()}

@@ -91,7 +91,7 @@ def report(
     folder = writable_folder(out or ROOT / "out" / ("held" if held else "colour"))
     rows = compute(names, lights, folder, force)
     write_csv(folder / "report.csv", rows)
-    text = held_table(rows) if held else tables(rows)
+    text = held_table(rows) if held else f"{tables(rows)}\n\n{terms_section(names)}"
     write_text(folder / "report.md", text + "\n")
     click.echo(text)
     if not held:
@@ -271,6 +271,12 @@ def material_table(rows: Rows) -> str:
     ]  # fmt: skip
     heads = [name.replace("spectral coefficients, ", "") for name in shown]
     return markdown(["material", *heads], lines)
+
+
+def terms_section(names: Sequence[str]) -> str:
+    """The default material table by number of terms, with its heading."""
+    lines = [[model, numbers] for model, numbers in models.colour_errors(names).items()]
+    return "By number of terms, in D65:\n\n" + markdown(["ΔE00, mean / largest", "colour"], lines)
 
 
 def held_table(rows: Rows) -> str:

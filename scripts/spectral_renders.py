@@ -8,6 +8,7 @@ at one angle, so pixels at one distance are averaged, which takes the noise of s
 out. The truth is Mitsuba's `roughconductor` with its spectra, in a spectral variant. Against it:
 the same plugin in RGB, where Mitsuba integrates eta and k with an equal-energy weight;
 `decomposed_conductor` in RGB with `illuminant`; and `decomposed_conductor` in the spectral variant.
+*RGB to spectral* is one of these against the other.
 All are relative to a perfect mirror in the same variant. *noise* is the truth against itself with
 another seed. Colour differences are CIEDE2000, weighted by area of the picture.
 """
@@ -15,6 +16,7 @@ another seed. Colour differences are CIEDE2000, weighted by area of the picture.
 from __future__ import annotations
 
 import argparse
+import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -101,13 +103,19 @@ def measure(
         pictures[metal, row] = rings(render(variant, bsdf, alpha, spp, seed)) / white[variant]
     weight = np.arange(RINGS) + 0.5
     results: dict[str, dict[str, dict[str, float]]] = {metal: {} for metal in metals}
+
+    def compare(metal: str, row: str, a: Array, b: Array) -> None:
+        difference = delta_e_2000(a, b)
+        mean = float(np.average(difference, weights=weight))
+        results[metal][row] = {"mean": mean, "max": float(difference.max())}
+
     for (metal, row), picture in pictures.items():
         if row != "truth":
-            difference = delta_e_2000(picture, pictures[metal, "truth"])
-            results[metal][row] = {
-                "mean": float(np.average(difference, weights=weight)),
-                "max": float(difference.max()),
-            }
+            compare(metal, row, picture, pictures[metal, "truth"])
+    for metal, recipe in itertools.product(metals, RECIPES):
+        pair = [pictures.get((metal, f"{recipe}, {kind}")) for kind in ("RGB", "spectral")]
+        if pair[0] is not None and pair[1] is not None:
+            compare(metal, f"{recipe}, RGB to spectral", *pair)
     return results
 
 

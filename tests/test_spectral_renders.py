@@ -58,6 +58,8 @@ def test_rgb_renders_are_those_of_the_spectra(script):
         noise = rows["noise"]["mean"]
         assert noise < 0.05, metal
         for recipe in RECIPES:
+            assert rows[f"{recipe}, RGB to spectral"]["mean"] < 0.1 + noise, (metal, recipe)
+        for recipe in ("notebook", "talk"):
             for variant in ("RGB", "spectral"):
                 assert rows[f"{recipe}, {variant}"]["mean"] < 0.1 + noise, (metal, recipe, variant)
         assert 0.7 < rows["roughconductor, RGB"]["mean"] < 6.0, metal
