@@ -169,9 +169,9 @@ def rows(material: Material, illuminants: Sequence[str], name: str = "") -> list
 def colour_errors(names: Sequence[str], terms: Sequence[int] = (3, 4, 5, 6)) -> dict[str, str]:
     """Mean and largest ΔE00 over all materials and angles in D65, by model.
 
-    Models, named as in `accuracy_table`, store the integrated spectrum: Schlick its F0, F82 also the
-    value at cos = 1/7, Lazanyi its F0 and the correction of the white-balanced index, bases their
-    coefficients.
+    Models, named as in `accuracy_table`, store the integrated spectrum: Schlick its F0, F82 also
+    the value at cos = 1/7, Lazanyi its F0 and the correction of the white-balanced index, bases
+    their coefficients.
     """
     n = len(DEGREES)
     cosine = COSINES[:n, None]
