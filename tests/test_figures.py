@@ -208,3 +208,13 @@ def test_rendered_figures(
     for numbers in sidecar(tmp_path, name)["results"]["renders"].values():
         assert numbers["decomposition"]["rmse"] < 0.2 * numbers["schlick"]["rmse"]
         assert numbers["decomposition"]["delta_e"] < 0.5
+
+
+@pytest.mark.slow
+def test_linear_tint_is_even(variant: str, reproduce: Any, tmp_path: Path) -> None:
+    name = "fig04_linear_tint"
+    assert reproduce("--quick", "--only", name, "--variant", variant, "--out", tmp_path) == 0
+    assert (tmp_path / f"{name}.png").is_file()
+    ratios = sidecar(tmp_path, name)["results"]["largest_to_smallest"]
+    assert ratios["beta"] < 1.5
+    assert ratios["g"] > 8.0
