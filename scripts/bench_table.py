@@ -40,6 +40,7 @@ from fresnel_decomp.albedo_estimates import quasi_monte_carlo_albedo
 from fresnel_decomp.fast_curves import FastCurves
 from fresnel_decomp.microfacet import DISTRIBUTIONS, SMITH
 from fresnel_decomp.table import BAKE_QUADRATURE, CHECK_QUADRATURE
+from fresnel_decomp.table_layout import Layout
 
 MARKS = ("<!-- bench table -->\n", "<!-- end of bench table -->\n")
 SAMPLES = (256, 512, 1024, 2048, 4096, 8192)
@@ -93,8 +94,7 @@ def errors(progress: Callable[[int], None]) -> dict[str, float]:
 
 def sampling(progress: Callable[[int], None]) -> dict[str, Any]:
     """Errors of quasi-Monte Carlo by number of samples, and nanoseconds a sample and texel."""
-    layout = AlbedoTable.bake(load_basis(), size=2).layout
-    layout = type(layout)()
+    layout = Layout()
     alpha, mu = np.meshgrid(layout.alpha[1::STRIDE], layout.mu[::STRIDE], indexing="ij")
     curves = FastCurves.of(load_basis())
     exact = directional_albedo(curves, mu, alpha, quadrature=CHECK_QUADRATURE)

@@ -218,3 +218,22 @@ def test_linear_tint_is_even(variant: str, reproduce: Any, tmp_path: Path) -> No
     ratios = sidecar(tmp_path, name)["results"]["largest_to_smallest"]
     assert ratios["beta"] < 1.5
     assert ratios["g"] > 8.0
+
+
+@pytest.mark.slow
+def test_table_study(scripts: Any, reproduce: Any, tmp_path: Path) -> None:
+    """Every step runs; larger tables are better, half floats cost little, eight bits more."""
+    assert reproduce("--quick", "--only", "table_study", "--out", tmp_path) == 0
+    assert (tmp_path / "table_study.png").read_bytes().startswith(b"\x89PNG")
+    results = sidecar(tmp_path, "table_study")["results"]
+    errors = [results["layouts"][f"default-{size}"]["max_outside_corner"] for size in (16, 24, 32)]
+    assert errors == sorted(errors, reverse=True)
+    added = [results["formats"][name]["added"] for name in ("half", "8-bit unorm", "RGB10A2")]
+    assert 0.0 < added[0] < 5e-4 < added[1] < added[2] < 0.05
+    page = tmp_path / "page.md"
+    page.write_text("".join(scripts.table_study.MARKS), encoding="utf-8")
+    with pytest.raises(SystemExit):
+        scripts._figure.main(
+            scripts.table_study.group, ["page", str(page), "--data", str(tmp_path)]
+        )
+    assert "8-bit unorm" in page.read_text(encoding="utf-8")

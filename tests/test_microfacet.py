@@ -279,6 +279,38 @@ def test_gradients(distribution, smith, backend):
         np.testing.assert_allclose(backward[inside], difference[inside], atol=2e-7)
 
 
+@both
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize("backend", AD_BACKENDS)
+def test_gradients_are_finite(distribution, precision, backend):
+    """Backward, at every pair of hard cosines and roughnesses, of every term."""
+    import drjit as dr
+
+    kind = float_type(backend, precision)
+    i, o, alpha = (v.ravel() for v in np.meshgrid(COSINES[::3], COSINES[::3], ALPHAS))
+
+    def direction_of(cosine, side):
+        return side * dr.sqrt((1.0 - cosine) * (1.0 + cosine) + 1e-12), 0.0 * cosine, cosine
+
+    terms = {
+        "ndf": lambda i, o, alpha: ndf(direction_of(i, 1.0), alpha + 1e-9, distribution),
+        "half vector": lambda i, o, alpha: half_vector(direction_of(i, 1.0), direction_of(o, -1.0))[
+            1
+        ],
+        "projected area": lambda i, o, alpha: projected_area(i, alpha, distribution),
+    }
+    for smith in SMITH:
+        options = (smith, distribution)
+        terms[f"g2 {smith}"] = lambda *arrays, o=options: masking_shadowing(*arrays, *o)
+        terms[f"shadowing {smith}"] = lambda *arrays, o=options: shadowing(*arrays, *o)
+    for name, term in terms.items():
+        arrays = [kind(v) for v in (i, o, alpha)]
+        dr.enable_grad(arrays)
+        dr.backward(term(*arrays))
+        for array in arrays:
+            assert np.all(np.isfinite(np.array(array.grad))), name
+
+
 def test_unknown_names():
     with pytest.raises(InputError, match="Did you mean 'ggx'"):
         masking(0.5, 0.5, "ggxx")

@@ -148,9 +148,10 @@ def test_lookup_gradients(table, backend, addressing):
         np.testing.assert_allclose(backward[inside], difference[inside], rtol=1e-5, atol=1e-6)
 
 
-@pytest.mark.parametrize("backend", ["llvm", "cuda"])
-def test_drjit_bake(table, backend):
-    kind = float_type(backend)
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_drjit_bake(table, backend, precision):
+    kind = float_type(backend, precision)
     baked = AlbedoTable.bake(BASIS, size=(24, 16), smith="correlated", float_type=kind)
     assert np.abs(baked.values - table.values).max() <= 5e-6
 
@@ -177,6 +178,7 @@ def test_bad_input():
         ({"addressing": "corners"}, "'centres'"),
         ({"distribution": "phong"}, "'ggx'"),
         ({"smith": "both"}, "'separable'"),
+        ({"float_type": int}, "float_type"),
     ):
         with pytest.raises(InputError, match=words):
             AlbedoTable.bake(BASIS, **({"size": 4} | arguments))

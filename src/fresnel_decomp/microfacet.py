@@ -102,14 +102,9 @@ def ndf(normal: Vector, alpha: Any, distribution: Distribution = "ggx") -> Any:
     >>> round(ndf((0.0, 0.0, 1.0), 0.5), 6)  # 1 / (pi alpha²)
     1.27324
     """
-    shape = _shape(distribution)
+    shape = named_shape(distribution)
     ops, (x, y, z, alpha) = _arguments(*normal, alpha)
-    above = z > 0.0
-    cos = ops.select(above, z, 1.0)
-    # divided by alpha before squared: alpha² may underflow where the slope does not
-    u, v = x / (alpha * cos), y / (alpha * cos)
-    density = shape.slope_density(ops, u * u + v * v) / (alpha * cos * cos) / (alpha * cos * cos)
-    return ops.select(above, density, 0.0)
+    return ops.select(z > 0.0, shape.density(ops, x * x + y * y, z, alpha), 0.0)
 
 
 @_same_kind
@@ -126,7 +121,7 @@ def projected_area(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx
     -------
     (...) float in [cos_theta, 1); cos_theta at alpha = 0. Finite derivatives for alpha > 0.
     """
-    shape = _shape(distribution)
+    shape = named_shape(distribution)
     ops, (cos_theta, alpha) = _arguments(cos_theta, alpha)
     return shape.projected_area(ops, cos_theta, alpha)
 
@@ -140,7 +135,7 @@ def smith_lambda(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx")
     cos_theta : (...) float in (0, 1]
     alpha : (...) float >= 0
     """
-    shape = _shape(distribution)
+    shape = named_shape(distribution)
     ops, (cos_theta, alpha) = _arguments(cos_theta, alpha)
     return shape.hidden_area(ops, cos_theta, alpha) / cos_theta
 
@@ -164,7 +159,7 @@ def masking(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx") -> A
     >>> masking(1.0, 0.5), masking(0.0, 0.5), masking(0.0, 0.0)
     (1.0, 0.0, 1.0)
     """
-    shape = _shape(distribution)
+    shape = named_shape(distribution)
     ops, (cos_theta, alpha) = _arguments(cos_theta, alpha)
     area = shape.projected_area(ops, cos_theta, alpha)
     flat = area == 0.0
@@ -200,10 +195,10 @@ def masking_shadowing(
     """
     if choose("smith", smith, SMITH) == "separable":
         return masking(cos_theta_i, alpha, distribution) * masking(cos_theta_o, alpha, distribution)
-    shape = _shape(distribution)
+    shape = named_shape(distribution)
     ops, (cos_theta_i, cos_theta_o, alpha) = _arguments(cos_theta_i, cos_theta_o, alpha)
     first = masking(cos_theta_o, alpha, distribution)
-    return first * _shadowing(ops, shape, "correlated", cos_theta_i, alpha, first)
+    return first * shadowing_ratio(ops, shape, "correlated", cos_theta_i, alpha, first)
 
 
 @_same_kind
@@ -223,10 +218,10 @@ def shadowing(
     (...) float in [0, 1]
     """
     choose("smith", smith, SMITH)
-    shape = _shape(distribution)
+    shape = named_shape(distribution)
     ops, (cos_theta_i, cos_theta_o, alpha) = _arguments(cos_theta_i, cos_theta_o, alpha)
     unmasked = masking(cos_theta_o, alpha, distribution)
-    return _shadowing(ops, shape, smith, cos_theta_i, alpha, unmasked)
+    return shadowing_ratio(ops, shape, smith, cos_theta_i, alpha, unmasked)
 
 
 @_same_kind
@@ -285,7 +280,7 @@ def sample_visible_normal(
     -------
     triple of (...) float: a unit vector with positive cosine to `wo`
     """
-    shape = _shape(distribution)
+    shape = named_shape(distribution)
     ops, (x, y, z, alpha, u1, u2) = _arguments(*wo, alpha, u1, u2)
     # the frame in which the surface has roughness 1
     x, y = alpha * x, alpha * y
@@ -303,8 +298,8 @@ def sample_visible_normal(
 class Shape(Protocol):
     """What tells one distribution from another, for arguments of one kind."""
 
-    def slope_density(self, ops: Ops, square: Any) -> Any:
-        """Density of slopes at roughness 1, of the squared length of the slope."""
+    def density(self, ops: Ops, sine_square: Any, cos: Any, alpha: Any) -> Any:
+        """Density of normals per solid angle, for cos > 0."""
         ...
 
     def projected_area(self, ops: Ops, c: Any, alpha: Any) -> Any:
@@ -332,9 +327,10 @@ class Shape(Protocol):
 
 
 class _GGX:
-    def slope_density(self, ops: Ops, square: Any) -> Any:
-        inverse = 1.0 / (1.0 + square)
-        return inverse * inverse / math.pi
+    def density(self, ops: Ops, sine_square: Any, cos: Any, alpha: Any) -> Any:
+        # alpha² / (pi (sin² + alpha² cos²)²), divided by alpha before anything is squared
+        inverse = 1.0 / (sine_square / alpha + alpha * cos * cos)
+        return inverse * inverse * (1.0 / math.pi)
 
     def projected_area(self, ops: Ops, c: Any, alpha: Any) -> Any:
         return 0.5 * (c + self._stretched(ops, c, alpha))
@@ -379,8 +375,14 @@ class _GGX:
 
 
 class _Beckmann:
-    def slope_density(self, ops: Ops, square: Any) -> Any:
-        return ops.exp(-square) / math.pi
+    def density(self, ops: Ops, sine_square: Any, cos: Any, alpha: Any) -> Any:
+        # beyond slopes of 10 alpha it is below 1e-43, and its parts overflow
+        reach = 10.0 * alpha * cos
+        near = sine_square < reach * reach
+        cos, sine_square = ops.select(near, cos, 1.0), ops.select(near, sine_square, 0.0)
+        slope_square = sine_square / (alpha * cos) / (alpha * cos)
+        inverse = 1.0 / (alpha * cos * cos)
+        return ops.select(near, ops.exp(-slope_square) * inverse * inverse / math.pi, 0.0)
 
     def projected_area(self, ops: Ops, c: Any, alpha: Any) -> Any:
         return c + self.hidden_area(ops, c, alpha)  # and so never below c
@@ -439,7 +441,9 @@ DISTRIBUTIONS = tuple(_SHAPES)
 """Names of the distributions."""
 
 
-def _shadowing(ops: Ops, shape: Shape, smith: str, c_i: Any, alpha: Any, masking_o: Any) -> Any:
+def shadowing_ratio(
+    ops: Ops, shape: Shape, smith: str, c_i: Any, alpha: Any, masking_o: Any
+) -> Any:
     """`shadowing` for arrays of one kind and known G1(o)."""
     if smith == "separable":
         total = shape.projected_area(ops, c_i, alpha)
@@ -450,7 +454,7 @@ def _shadowing(ops: Ops, shape: Shape, smith: str, c_i: Any, alpha: Any, masking
     return lit / ops.select(dark, 1.0, total)
 
 
-def _shape(distribution: str) -> Shape:
+def named_shape(distribution: str) -> Shape:
     return _SHAPES[choose("distribution", distribution, DISTRIBUTIONS)]
 
 

@@ -119,7 +119,8 @@ class AlbedoTable:
         quadrature : pair of int
             Nodes in azimuth and slope, see `albedo.Quadrature`.
         float_type : type, optional
-            A Dr.Jit array type such as `mi.Float`, to compute with Dr.Jit; NumPy if none is given.
+            A Dr.Jit array type such as `mi.Float`, to compute with Dr.Jit; NumPy if none is given,
+            or `float`, which `mi.Float` is in scalar variants.
         measure : bool
             Also measure the largest error, see `error`, and note it in the metadata. Takes four
             times as long again.
@@ -173,7 +174,7 @@ class AlbedoTable:
         Returns
         -------
         (..., terms) float for NumPy arrays and Python floats, of their precision; for Dr.Jit a
-        tuple of `terms` arrays, differentiable in mu and alpha: with finite derivatives everywhere,
+        tuple of arrays, one per term, differentiable in mu and alpha: finite everywhere, and
         0 beyond [0, 1].
         """
         mu, alpha = one_kind(mu, alpha)
@@ -197,7 +198,7 @@ class AlbedoTable:
 
         Parameters
         ----------
-        coefficients : (..., terms) float, or for Dr.Jit a sequence of `terms` arrays
+        coefficients : (..., terms) float, or for Dr.Jit a sequence of as many arrays
         mu, alpha : (...) float
             As for `lookup`; they broadcast against the coefficients' leading axes.
         """
@@ -291,7 +292,7 @@ def _integrate(
     """(height, width, terms) albedos at the texels."""
     alpha, mu = np.meshgrid(layout.alpha, layout.mu, indexing="ij")
     curves = FastCurves.of(basis)
-    if float_type is None:
+    if float_type in (None, float):
         # rows at a time, which fit the caches
         rows = max(1, 512 // layout.width)
         parts = [
@@ -300,7 +301,12 @@ def _integrate(
         ]
         return np.concatenate(parts)
     dr = drjit_module()
-    assert dr is not None
+    if dr is None or not (dr.is_array_v(float_type) and dr.is_float_v(float_type)):
+        raise input_error(
+            f"float_type={float_type!r}",
+            "a floating-point array type of Dr.Jit",
+            "Take mi.Float of a variant such as llvm_ad_rgb, or none for NumPy.",
+        )
     arguments = (drjit_constant(float_type, values) for values in (mu, alpha))
     functions = directional_albedo(curves.on(float_type), *arguments, **options)
     dr.eval(functions)  # at once: converted one by one, they would be computed one by one
