@@ -195,7 +195,9 @@ def plan_surfaces(
     >>> glass = Surface("glass", [1.5], [0.0])
     >>> gold = Surface("gold", [0.14, 0.37, 1.44], [3.98, 2.38, 1.60])
     >>> [choice.model for choice in plan_surfaces([glass, gold], 0.04).choices]
-    ['schlick', 'f82']
+    ['schlick', 'schlick']
+    >>> [choice.model for choice in plan_surfaces([glass, gold], 0.01, own_basis=False).choices]
+    ['decomposition', 'decomposition']
     """
     if not (np.isfinite(max_error) and max_error > 0.0):
         raise input_error(

@@ -145,7 +145,7 @@ def predicted_error(
     >>> from fresnel_decomp.prediction import Surface, predicted_error
     >>> glass = Surface("glass", [1.5], [0.0])
     >>> round(predicted_error(glass, Schlick(0.04)), 3)
-    0.035
+    0.036
     """
     choose("metric", metric, METRICS)
 

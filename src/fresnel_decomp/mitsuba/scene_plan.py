@@ -165,7 +165,7 @@ def plan_scene(
     >>> mi.set_variant("scalar_rgb")
     >>> metal = {"type": "roughconductor", "material": "Al", "alpha": 0.2}
     >>> scene = {"type": "scene", "ball": {"type": "sphere", "bsdf": metal}}
-    >>> planned = plan_scene(scene, 0.1)
+    >>> planned = plan_scene(scene, 0.2)
     >>> [choice.model for choice in planned.plan.choices]
     ['schlick']
     """
