@@ -142,7 +142,7 @@ def test_image_based_light_gets_a_table():
     plan = plan_surfaces([rough], 0.002, own_basis=False)
     assert plan.table is not None
     assert plan.table.error <= 1e-3
-    assert plan.table.nbytes == 2 * (4 if plan.table.terms <= 4 else 8) * plan.table.size**2
+    assert plan.table.nbytes == 2 * (4 if plan.table.channels <= 4 else 8) * plan.table.size**2
     smooth = plan_surfaces([Surface("gold", *GOLD)], 0.002, own_basis=False)
     assert smooth.table is None
 

@@ -95,8 +95,8 @@ class Table:
     ----------
     size : int
         Texels along roughness and along the cosine.
-    terms : int
-        Channels; up to four fit one RGBA texture.
+    channels : int
+        One for each term; up to four fit one RGBA texture.
     nbytes : int
         As half floats.
     error : float
@@ -104,7 +104,7 @@ class Table:
     """
 
     size: int
-    terms: int
+    channels: int
     nbytes: int
     error: float
 

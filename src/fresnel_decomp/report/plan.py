@@ -37,7 +37,7 @@ def summary(planned: ScenePlan) -> list[str | list[list[str]]]:
     if plan.table is not None:
         table = plan.table
         parts.append(
-            f"For image-based light: a table of {table.size} x {table.size} x {table.terms} half "
+            f"For image-based light: a table of {table.size} x {table.size} x {table.channels} half "
             f"floats, {table.nbytes} bytes, adds {table.error:.1e}."
         )
     if not plan.choices:
