@@ -156,7 +156,9 @@ def prefilter(
     return PrefilteredLight(environment.name, tuple(maps))
 
 
-def blurred(environment: Environment, alpha: float, width: int | None = None) -> NDArray[np.float32]:
+def blurred(
+    environment: Environment, alpha: float, width: int | None = None
+) -> NDArray[np.float32]:
     """(width // 2, width, 3) float32: the environment convolved with the kernel of one roughness.
 
     Parameters
