@@ -77,7 +77,7 @@ class Environment:
     name : str
     """
 
-    radiance: NDArray[np.float32]
+    radiance: NDArray[Any]
     name: str = "environment"
 
     def __post_init__(self) -> None:
@@ -212,8 +212,8 @@ def fetch(data: Any, offset: Any, height: Any, width: Any, x: Any, y: Any, z: An
     dr = drjit_module()
     if is_drjit(x, y, z):
         assert dr is not None
-        index = dr.int32_array_t(type(x))
-        number = type(x)
+        number: Any = type(x)
+        index: Any = dr.int32_array_t(number)
         atan2, floor, clip, sqrt = dr.atan2, dr.floor, dr.clip, dr.sqrt
     else:
         index, number = (lambda v: np.asarray(v).astype(np.int64)), np.asarray
@@ -409,7 +409,7 @@ def city(width: int = 512) -> Environment:
     return Environment(_averaged(_city_radiance, width, 4), "city")
 
 
-_SUN = np.array([-0.80, 0.42, -0.62]) / np.linalg.norm([-0.80, 0.42, -0.62])
+_SUN = np.array([-0.78, 0.46, -0.42]) / np.linalg.norm([-0.78, 0.46, -0.42])
 _SUN_RADIUS = np.radians(2.5)
 _SUNLIGHT = np.array([1.0, 0.86, 0.66])
 
@@ -418,17 +418,33 @@ def _city_radiance(directions: NDArray[np.float64]) -> NDArray[np.float64]:
     x, y, z = np.moveaxis(directions, -1, 0)
     height = np.clip(y, 0.0, 1.0)[..., None]
     cos_sun = np.clip(directions @ _SUN, -1.0, 1.0)
-    blend = (1.0 - height) ** 5
-    sky = (1.0 - blend) * [0.20, 0.36, 0.75] + blend * [1.15, 0.95, 0.78]
+    haze = (1.0 - height) ** 5
+    sky = (1.0 - haze) * [0.20, 0.36, 0.75] + haze * [1.15, 0.95, 0.78]
+    clouds = _clouds(x, y, z)[..., None]
+    sky = sky + clouds * ([0.95, 0.93, 0.92] - 0.6 * sky)
     sky = sky + 0.9 * np.exp(-(1.0 - cos_sun) / 0.012)[..., None] * _SUNLIGHT
     edge = np.clip((np.arccos(cos_sun) - _SUN_RADIUS) / np.radians(0.3) + 0.5, 0.0, 1.0)
     sky = sky + 70.0 * (1.0 - edge)[..., None] * _SUNLIGHT
 
     houses, covered = _houses(np.arctan2(x, -z), np.arcsin(np.clip(y, -1.0, 1.0)))
     fade = 1.0 + 1.5 * np.exp(4.0 * np.minimum(y, 0.0))[..., None]
-    ground = np.array([0.085, 0.08, 0.075]) * fade
+    ground = np.array([0.105, 0.10, 0.095]) * fade
     above = np.where(covered[..., None], houses, sky)
     return np.where((y > 0.0)[..., None], above, ground)
+
+
+def _clouds(x: Any, y: Any, z: Any) -> Any:
+    """Cover in [0, 1]: a sum of waves over a flat layer high above."""
+    random = np.random.default_rng(11)
+    distance = 1.0 / (np.maximum(y, 0.0) + 0.15)
+    total = 0.0
+    for octave in range(4):
+        for _ in range(5):
+            turn, phase = 2.0 * np.pi * random.random(2)
+            along = 1.7 * 2.0**octave * distance * (np.cos(turn) * x + np.sin(turn) * z)
+            total = total + 0.62**octave * np.sin(along + phase)
+    cover = np.clip((total - 0.8) / 3.0, 0.0, 1.0)
+    return cover * np.clip(4.0 * y, 0.0, 1.0)
 
 
 def _houses(turn: NDArray[np.float64], elevation: NDArray[np.float64]) -> tuple[Any, Any]:
@@ -437,22 +453,24 @@ def _houses(turn: NDArray[np.float64], elevation: NDArray[np.float64]) -> tuple[
     count = 26
     edges = np.cumsum(0.6 + random.random(count))
     edges = 2.0 * np.pi * edges / edges[-1]
-    top = np.radians(8.0 + 42.0 * random.random(count) ** 1.5)
-    gap = random.random(count) < 0.15  # a street
-    towards_sun = np.cos(edges - np.arctan2(_SUN[0], -_SUN[2]))
-    walls = 0.25 + 0.35 * random.random((count, 1)) * [1.0, 1.0, 1.0] + [0.10, 0.04, -0.04]
+    top = np.radians(8.0 + 36.0 * random.random(count) ** 1.5)
+    street = random.random(count) < 0.12
+    middle = edges - 0.5 * np.diff(edges, prepend=0.0)
+    facing = np.cos(middle - np.arctan2(_SUN[0], -_SUN[2]))
+    top = np.where(facing > 0.9, np.minimum(top, np.radians(13.0)), top)  # the sun is not hidden
+    walls = 0.45 + 0.45 * random.random((count, 1)) * [1.0, 1.0, 1.0] + [0.12, 0.03, -0.06]
     # the sun shines on the houses that it is opposite to
-    walls = walls * (0.35 + 1.1 * np.clip(-towards_sun, 0.0, 1.0)[:, None] * _SUNLIGHT)
-    lit = random.random((count, 64, 32)) < 0.16
+    walls = walls * (0.3 + 1.3 * np.clip(-facing, 0.0, 1.0)[:, None] * _SUNLIGHT)
+    lit = random.random((count, 64, 32)) < 0.2
 
     turn = np.mod(turn, 2.0 * np.pi)
     house = np.minimum(np.searchsorted(edges, turn, side="right"), count - 1)
-    width, storey = np.radians(2.2), np.radians(2.4)
-    across, up = np.mod(turn / width, 1.0), np.mod(elevation / storey, 1.0)
+    width, storey = np.radians(3.2), np.radians(3.6)
+    column, row = turn / width, elevation / storey
+    across, up = np.mod(column, 1.0), np.mod(row, 1.0)
     window = (np.abs(across - 0.5) < 0.27) & (np.abs(up - 0.55) < 0.28)
     window &= elevation < top[house] - 0.35 * storey
-    shining = lit[house, np.minimum(turn / width, 63).astype(int) % 64,
-                  np.clip(elevation / storey, 0, 31).astype(int)]  # fmt: skip
-    glass = np.where(shining[..., None], [3.4, 2.2, 1.1], [0.10, 0.13, 0.17])
+    shining = lit[house, column.astype(int) % 64, np.clip(row, 0, 31).astype(int)]
+    glass = np.where(shining[..., None], [4.2, 2.7, 1.3], [0.10, 0.13, 0.17])
     colour = np.where(window[..., None], glass, walls[house])
-    return colour, (elevation < top[house]) & ~gap[house]
+    return colour, (elevation < top[house]) & ~street[house]

@@ -340,6 +340,7 @@ def lit_object(
     spp: int = 64,
     max_depth: int = 2,
     rfilter: str = "box",
+    background: bool = True,
 ) -> dict[str, Any]:
     """A sphere or the shader ball, floating in an environment that is all its light.
 
@@ -355,19 +356,26 @@ def lit_object(
     max_depth : int
         With 2 the object reflects nothing but the environment, as in split-sum shading; what hides
         behind itself is dark, where split-sum shading knows no shadows.
+    background : bool
+        Show the environment behind the object; else it is black.
     """
     width, height = _film_size(size)
-    spheres = {"type": "sphere", "center": [0.0, 0.0, 0.0], "radius": 1.0, "bsdf": bsdf}
     choose("shape", shape, ("sphere", "shader-ball"))
+    sphere = {"type": "sphere", "center": [0.0, 0.0, 0.0], "radius": 1.0, "bsdf": bsdf}
     centre = 0.0 if shape == "sphere" else 1.06
+    camera = [0.0, centre + 0.7, 8.0]
     return {
         "type": "scene",
-        "integrator": {"type": "path", "max_depth": max_depth, "rr_depth": max_depth + 1},
-        "sensor": _camera(width, height, [0.0, centre + 0.7, 8.0], [0.0, centre, 0.0], 16.0, spp,
-                          rfilter),
+        "integrator": {
+            "type": "path",
+            "max_depth": max_depth,
+            "rr_depth": max_depth + 1,
+            "hide_emitters": not background,
+        },
+        "sensor": _camera(width, height, camera, [0.0, centre, 0.0], 15.2, spp, rfilter),
         "light": light,
-        "object": spheres if shape == "sphere" else _mesh("ball", bsdf),
-    }  # fmt: skip
+        "object": sphere if shape == "sphere" else _mesh("ball", bsdf),
+    }
 
 
 SCENES = {"studio": studio, "shader-ball": shader_ball}

@@ -348,20 +348,19 @@ def render_split_sum(
     """
     import mitsuba as mi
 
-    if not isinstance(materials, SplitMaterial):
-        for name in surface.names:
-            choose("material for shape", name, materials)
+    named: list[tuple[Any, SplitMaterial]]
+    if isinstance(materials, SplitMaterial):
+        named = [(surface.shape >= 0, materials)]
+    else:
+        chosen = [choose("material for shape", n, materials) for n in surface.names]
+        named = [(surface.shape == i, materials[name]) for i, name in enumerate(chosen)]
     vectorised = is_drjit(surface.normal)
-    black = (0.0, 0.0, 0.0) if vectorised else np.zeros(3)
-    colour: Any = black
+    colour: Any = (0.0, 0.0, 0.0) if vectorised else np.zeros((len(surface.shape), 3))
     if background:
         away = -surface.view
-        colour = light.lookup(away, type(away[0])(0.0) if vectorised else 0.0)
-        colour = _where(surface.shape < 0, colour, black)
-    shared = isinstance(materials, SplitMaterial)
-    for i, name in enumerate(surface.names[:1] if shared else surface.names):
-        material = materials if shared else materials[name]
-        seen = surface.shape >= 0 if shared else surface.shape == i
+        sky = light.lookup(away, type(away[0])(0.0) if vectorised else 0.0)
+        colour = _where(surface.shape < 0, sky, colour)
+    for seen, material in named:
         lit = shade(light, material.albedo, surface.normal, surface.view, material.alpha)
         colour = _where(seen, lit, colour)
     width, height = surface.size
