@@ -19,6 +19,7 @@ import fig01b_beryllium
 import fig01c_roughness
 import fig02_edge_tint
 import fig03_shader_balls
+import split_sum_study
 from _figure import (
     DATA,
     PICTURES,
@@ -42,6 +43,7 @@ FIGURES = {
         fig01c_roughness,
         fig02_edge_tint,
         fig03_shader_balls,
+        split_sum_study,
     )
 }
 

@@ -9,8 +9,9 @@ poles, and -z is where the left edge meets the right one.
 from __future__ import annotations
 
 import functools
+import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,9 +48,8 @@ def texel_directions(width: int, height: int | None = None) -> NDArray[np.float6
 
 def _direction(polar: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[np.float64]:
     sine = np.sin(polar)
-    return np.stack(
-        np.broadcast_arrays(sine * np.sin(turn), np.cos(polar), -sine * np.cos(turn)), axis=-1
-    )
+    parts = sine * np.sin(turn), np.cos(polar) + 0.0 * turn, -sine * np.cos(turn)
+    return np.stack(parts, axis=-1)
 
 
 def row_weights(height: int) -> NDArray[np.float64]:
@@ -147,7 +147,7 @@ class Environment:
 
         Parameters
         ----------
-        direction : (..., 3) float array, or Dr.Jit vector
+        direction : (..., 3) float array, or three Dr.Jit arrays, as `mi.Vector3f` has them
             Towards the light; unit length.
 
         Returns
@@ -155,12 +155,16 @@ class Environment:
         (..., 3) float array, or a tuple of three Dr.Jit arrays
         """
         shape = (self.height, self.width)
-        if is_drjit(direction):
+        direction = as_vector(direction)
+        if isinstance(direction, tuple):
             dr = drjit_module()
             assert dr is not None
             kind = type(direction[0])
-            return fetch(kind(self.radiance.ravel()), 0, *shape, *direction)
-        values = fetch(self.radiance.ravel(), 0, *shape, *np.moveaxis(np.asarray(direction), -1, 0))
+            texels = self.radiance.ravel()
+            return fetch(
+                kind(texels if dr.is_jit_v(kind) else texels.tolist()), 0, *shape, *direction
+            )
+        values = fetch(self.radiance.ravel(), 0, *shape, *np.moveaxis(direction, -1, 0))
         return np.stack(values, axis=-1)
 
     def resized(self, width: int) -> Environment:
@@ -201,6 +205,18 @@ def _hats(
     if periodic:
         distance = np.minimum(distance, 2.0 * np.pi - distance)
     return np.maximum(1.0 - distance / (coarse[1] - coarse[0]), 0.0)
+
+
+def as_vector(value: Any) -> Any:
+    """A tuple of three Dr.Jit arrays, if `value` consists of them, else a NumPy array (..., 3).
+
+    Vectors of Mitsuba's scalar variants consist of Python floats.
+    """
+    if is_drjit(value) or (isinstance(value, tuple | list) and is_drjit(*value)):
+        components = tuple(value[i] for i in range(3))
+        if is_drjit(*components):
+            return components
+    return np.asarray(value)
 
 
 def fetch(data: Any, offset: Any, height: Any, width: Any, x: Any, y: Any, z: Any) -> Any:
@@ -303,8 +319,8 @@ def sunsky(
 ) -> Environment:
     """Mitsuba's `sunsky` emitter as a map, y up.
 
-    Each texel is the average over oversampling² directions of what it covers, so a sun that is
-    smaller than a texel keeps its power.
+    Each texel is the average over oversampling² directions of what it covers, and over many more
+    near the sun, so that a sun that is smaller than a texel keeps its power.
 
     Parameters
     ----------
@@ -338,8 +354,8 @@ def sunsky(
     emitter = mi.load_dict(
         {
             "type": "sunsky",
-            "sun_direction": [sun[0], -sun[2], sun[1]],  # z is up in the frame of `sunsky`
-            "to_world": mi.ScalarTransform4f().rotate([1, 0, 0], -90.0),
+            "sun_direction": sun.tolist(),  # in the world's frame
+            "to_world": mi.ScalarTransform4f().rotate([1, 0, 0], -90.0),  # z is up in its own
             "turbidity": float(turbidity),
             **parameters,
         }
@@ -352,7 +368,14 @@ def sunsky(
         colour = np.array(mi.Color3f(emitter.eval(si)), np.float64).T
         return np.maximum(colour, 0.0).reshape(directions.shape)
 
-    return Environment(_averaged(radiance, width, oversampling), "sunsky")
+    baked = _averaged(radiance, width, oversampling)
+    # the sun is half a degree wide: around it, sixteen directions across its diameter
+    towards = sun / np.linalg.norm(sun)
+    reach = np.radians(float(parameters.get("sun_aperture", 0.5358))) + 3.0 * np.pi / width
+    near = texel_directions(width) @ towards > np.cos(min(reach, np.pi))
+    fine = max(math.ceil(16.0 * 360.0 / width / 0.5358), oversampling)
+    baked[near] = _averaged(radiance, width, fine, near)
+    return Environment(baked, "sunsky")
 
 
 def _check_size(width: int, oversampling: int) -> None:
@@ -364,22 +387,31 @@ def _check_size(width: int, oversampling: int) -> None:
         )
 
 
-def _averaged(radiance: Any, width: int, oversampling: int) -> NDArray[np.float64]:
-    """Bake a function of directions: box average over each texel, by solid angle."""
+def _averaged(
+    radiance: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    width: int,
+    oversampling: int,
+    where: NDArray[np.bool_] | None = None,
+) -> NDArray[np.float64]:
+    """Bake a function of directions: box average over each texel, by solid angle.
+
+    (height, width, 3), or (n, 3) for the n texels that are True in `where`.
+    """
     height = width // 2
-    step = np.pi / (height - 1)
+    where = np.ones((height, width), bool) if where is None else where
+    rows, columns = np.nonzero(where)
     offsets = (np.arange(oversampling) + 0.5) / oversampling - 0.5
-    total = np.zeros((height, width, 3))
-    weight = np.zeros((height, 1, 1))
+    total, weight = np.zeros((len(rows), 3)), np.zeros((len(rows), 1))
     for dy in offsets:
-        # beyond a pole the texel's area is on the other side of it: mirrored, with |sin|
-        polar = np.abs(np.linspace(0.0, np.pi, height) + dy * step)[:, None]
-        polar = np.where(polar > np.pi, 2.0 * np.pi - polar, polar)
-        share = np.sin(polar)[..., None]
-        for dx in offsets:
-            total += share * radiance(_direction(polar, _turns(width) + dx * 2.0 * np.pi / width))
-            weight += share
-    return total / weight
+        # beyond a pole the texel's area is on the other side of it: mirrored
+        polar = np.abs(np.pi * (rows + dy) / (height - 1))
+        polar = np.where(polar > np.pi, 2.0 * np.pi - polar, polar)[:, None]
+        share = np.sin(polar)
+        turn = 2.0 * np.pi * (columns[:, None] + 0.5 + offsets) / width
+        total += share * radiance(_direction(polar, turn)).mean(axis=1)
+        weight += share
+    average = total / weight
+    return average.reshape(height, width, 3) if where.all() else average
 
 
 # --- a city made up ------------------------------------------------------------------------------

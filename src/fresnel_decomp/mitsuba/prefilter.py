@@ -15,6 +15,7 @@ fast. Where the kernel is narrower than a texel, the grid is refined and the map
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -23,9 +24,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._array import drjit_module, is_drjit, one_kind
+from .._array import drjit_module, is_drjit
 from .._check import input_error
-from .environment import Environment, fetch, row_weights
+from .environment import Environment, as_vector, fetch, row_weights
 
 __all__ = ["PrefilteredLight", "prefilter", "split_light"]
 
@@ -33,7 +34,8 @@ LEVELS = 25
 """Maps by default: perceptual roughness 0, 1/24, ..., 1."""
 
 _FINENESS = 8.0  # texels per alpha in a blurred map: interpolation errs below 1/500 of a peak
-_REFINEMENT = 2  # at most: what is narrower than a texel, the result cannot show
+_PRECISION = 3.0  # nodes of the sum per alpha: between texels the map is not 0 but interpolated
+_LARGEST = 1024  # columns of a refined grid: what is narrower, the result cannot show
 _SMALLEST = 16
 _BLOCK = 16  # parallels at once: matrix products instead of sums, in bounded memory
 
@@ -63,7 +65,7 @@ class PrefilteredLight:
 
         Parameters
         ----------
-        direction : (..., 3) float array, or Dr.Jit vector
+        direction : (..., 3) float array, or three Dr.Jit arrays, as `mi.Vector3f` has them
             The mirror direction, unit length.
         alpha : (...) float in [0, 1]
             Roughness; clamped. Between levels it counts by its square root.
@@ -72,47 +74,64 @@ class PrefilteredLight:
         -------
         (..., 3) float array, or a tuple of three Dr.Jit arrays
         """
-        heights = np.array([len(level) for level in self.levels])
-        widths = 2 * heights
-        offsets = np.concatenate([[0], np.cumsum(heights * widths)[:-1]])
-        data = np.concatenate([level.ravel() for level in self.levels])
+        direction = as_vector(direction)
+        if isinstance(direction, tuple):
+            return self._lookup_drjit(direction, alpha)
+        data, layout = self._packed
         last = len(self.levels) - 1
-        if is_drjit(direction, alpha):
-            return _lookup_drjit(data, (offsets, heights, widths), last, direction, alpha)
-        direction, alpha = np.asarray(direction), np.asarray(alpha)
+        alpha = np.asarray(alpha)
         position = np.sqrt(np.clip(alpha, 0.0, 1.0)) * last
         lower = np.minimum(position.astype(np.int64), last - 1)
         t = (position - lower)[..., None]
         xyz = np.moveaxis(direction, -1, 0)
         smooth, rough = (
-            np.stack(fetch(data, *(a[level] for a in (offsets, heights, widths)), *xyz), axis=-1)
+            np.stack(fetch(data, *(column[level] for column in layout), *xyz), axis=-1)
             for level in (lower, lower + 1)
         )
         return smooth + t * (rough - smooth)
 
+    @functools.cached_property
+    def _packed(self) -> tuple[NDArray[np.float32], tuple[NDArray[np.int64], ...]]:
+        """All levels in one array; first texel, height and width of each."""
+        heights = np.array([len(level) for level in self.levels])
+        widths = np.array([level.shape[1] for level in self.levels])
+        offsets = np.cumsum(heights * widths) - heights * widths
+        return np.concatenate([level.ravel() for level in self.levels]), (offsets, heights, widths)
 
-def _lookup_drjit(
-    data: NDArray[np.float32],
-    layout: tuple[NDArray[np.int64], ...],
-    last: int,
-    direction: Any,
-    alpha: Any,
-) -> Any:
+    @functools.cached_property
+    def _on_device(self) -> dict[Any, Any]:
+        return {}
+
+    def _lookup_drjit(self, direction: Any, alpha: Any) -> Any:
+        dr = drjit_module()
+        assert dr is not None
+        kind = type(direction[0])
+        index = dr.int32_array_t(kind)
+        if kind not in self._on_device:
+            data, layout = self._packed
+            self._on_device[kind] = _copied(kind, data), [_copied(index, c) for c in layout]
+        texels, tables = self._on_device[kind]
+        last = len(self.levels) - 1
+        alpha = alpha if is_drjit(alpha) else kind(float(alpha))
+        position = dr.sqrt(dr.clip(alpha, 0.0, 1.0)) * last
+        lower = dr.minimum(index(position), last - 1)
+        t = position - kind(lower)
+        smooth, rough = (
+            fetch(texels, *(dr.gather(index, table, level) for table in tables), *direction)
+            for level in (lower, lower + 1)
+        )
+        return tuple(a + t * (b - a) for a, b in zip(smooth, rough, strict=True))
+
+
+def _copied(kind: Any, values: NDArray[Any]) -> Any:
+    """Values in memory of Dr.Jit: NumPy's, mapped, would recompile by accidental alignment."""
     dr = drjit_module()
     assert dr is not None
-    kind = type(direction[0])
-    index = dr.int32_array_t(kind)
-    texels = kind(data)
-    tables = [index(column.astype(np.int32)) for column in layout]
-    (alpha,) = one_kind(alpha, kind)[:1] if is_drjit(alpha) else (kind(alpha),)
-    position = dr.sqrt(dr.clip(alpha, 0.0, 1.0)) * last
-    lower = dr.minimum(index(position), last - 1)
-    t = position - kind(lower)
-    smooth, rough = (
-        fetch(texels, *(dr.gather(index, table, level) for table in tables), *direction)
-        for level in (lower, lower + 1)
-    )
-    return tuple(a + t * (b - a) for a, b in zip(smooth, rough, strict=True))
+    if not dr.is_jit_v(kind):
+        return kind(values.tolist())
+    copy = kind(values) + dr.opaque(kind, 0)
+    dr.eval(copy)
+    return copy
 
 
 def prefilter(
@@ -180,7 +199,7 @@ def blurred(
             "The environment's own width always works.",
         )
     spacing = 2.0 * math.pi / environment.width
-    refine = min(max(1, math.ceil(spacing / alpha)), _REFINEMENT)
+    refine = min(math.ceil(_PRECISION * spacing / alpha), max(1, _LARGEST // environment.width))
     fine = _refined(environment.radiance.astype(np.float64), refine)
     rows, columns, _ = fine.shape
     weights = row_weights(rows)

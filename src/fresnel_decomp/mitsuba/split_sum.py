@@ -34,6 +34,7 @@ from .._schlick import bend_factor
 from ..albedo import directional_albedo
 from ..microfacet import Smith
 from ..table import AlbedoTable, Layout
+from .environment import as_vector
 from .prefilter import PrefilteredLight
 
 __all__ = [
@@ -49,7 +50,7 @@ __all__ = [
     "visible_surface",
 ]
 
-_COSINES = 2049  # of integrated albedos, uniform in sqrt(mu): interpolation errs below 1e-6
+_COSINES = 1025  # of integrated albedos, uniform in sqrt(mu): interpolation errs by some 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,18 +93,23 @@ class SplitAlbedo:
         functions = self.table.lookup(mu, alpha)
         if not is_drjit(mu, alpha):
             return functions @ np.asarray(self.coefficients, functions.dtype).T
+        kind = type(functions[0])
         return tuple(
             sum(
-                (function * _plain(c) for function, c in zip(functions[1:], row[1:], strict=True)),
-                functions[0] * _plain(row[0]),
+                (_value(kind, c) * b for c, b in zip(row[1:], functions[1:], strict=True)),
+                _value(kind, row[0]) * functions[0],
             )
             for row in self.coefficients
         )
 
 
-def _plain(value: Any) -> Any:
-    """NumPy scalars as Python floats, which Dr.Jit takes as they are."""
-    return value if is_drjit(value) else float(value)
+def _value(kind: Any, value: Any) -> Any:
+    """A number that is no part of the kernel, so that the next material needs no new one."""
+    dr = drjit_module()
+    assert dr is not None
+    if is_drjit(value):
+        return value
+    return dr.opaque(kind, float(value)) if dr.is_jit_v(kind) else float(value)
 
 
 def _schlick_functions(cos_theta: np.ndarray) -> np.ndarray:
@@ -146,7 +152,7 @@ def f82_albedo(
 def integrated_albedo(
     curve: Callable[[Any], Any], alpha: float, smith: Smith = "separable"
 ) -> SplitAlbedo:
-    """Albedo of any curve at one roughness, by `directional_albedo` at 2,049 cosines.
+    """Albedo of any curve at one roughness, by `directional_albedo` at 1,025 cosines.
 
     Parameters
     ----------
@@ -197,7 +203,7 @@ def shade(
     ----------
     light : PrefilteredLight
     albedo : callable (mu, alpha) to three channels
-    normal, view : (..., 3) float arrays, or Dr.Jit vectors
+    normal, view : (..., 3) float arrays, or three Dr.Jit arrays each, as `mi.Vector3f` has them
         Unit vectors; view points to the viewer.
     alpha : (...) float in [0, 1]
 
@@ -206,18 +212,18 @@ def shade(
     (..., 3) float array, or a tuple of three Dr.Jit arrays: 0 where the viewer is below the
     surface. Differentiable in the normal, the view, alpha and what the albedo depends on.
     """
-    if is_drjit(normal, view):
+    normal, view = as_vector(normal), as_vector(view)
+    if isinstance(normal, tuple):
         dr = drjit_module()
         assert dr is not None
         cosine = normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]
         mirrored = [2.0 * cosine * n - v for n, v in zip(normal, view, strict=True)]
-        alpha = alpha if is_drjit(alpha) else type(cosine)(float(alpha))
+        alpha = _value(type(cosine), alpha)
         radiance = light.lookup(mirrored, alpha)
         reflectance = albedo(dr.minimum(dr.maximum(cosine, 0.0), 1.0), alpha)
         return tuple(
             dr.select(cosine > 0.0, a * b, 0.0) for a, b in zip(radiance, reflectance, strict=True)
         )
-    normal, view = np.asarray(normal), np.asarray(view)
     cosine = np.sum(normal * view, axis=-1)
     mirrored = 2.0 * cosine[..., None] * normal - view
     product = light.lookup(mirrored, alpha) * albedo(np.clip(cosine, 0.0, 1.0), alpha)
