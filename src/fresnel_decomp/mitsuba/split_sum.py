@@ -78,9 +78,7 @@ class SplitAlbedo:
 
     def __post_init__(self) -> None:
         rows = list(self.coefficients)
-        lengths = sorted({len(row) if np.ndim(row) or is_drjit(row) else 1 for row in rows})
-        if any(is_drjit(*row) for row in rows if hasattr(row, "__iter__")):
-            lengths = sorted({len(row) for row in rows})
+        lengths = sorted({len(row) if hasattr(row, "__len__") else 1 for row in rows})
         if len(rows) != 3 or lengths != [self.table.terms]:
             raise input_error(
                 f"coefficients of {len(rows)} channels with {', '.join(map(str, lengths))} terms",
