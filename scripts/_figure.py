@@ -102,6 +102,8 @@ class Figure:
             },
             "fresnel_decomp": __version__,
         }
+        if quick:
+            settings["quick"] = True
         if self.scene is not None:
             chosen = variant or doctor.best_variant()
             doctor.require_variant(chosen)
@@ -145,7 +147,7 @@ def compute(
     folder : Path
         For its data and nothing else: with `force` all tables and images in it are removed.
     quick : bool
-        Tiny images, to see that everything runs.
+        Tiny images and few sizes, to see that everything runs.
     force : bool
         Compute again what is finished.
     variant : str, optional

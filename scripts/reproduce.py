@@ -20,6 +20,7 @@ import fig01c_roughness
 import fig02_edge_tint
 import fig03_shader_balls
 import split_sum_study
+import table_study
 from _figure import (
     DATA,
     PICTURES,
@@ -44,6 +45,7 @@ FIGURES = {
         fig02_edge_tint,
         fig03_shader_balls,
         split_sum_study,
+        table_study,
     )
 }
 

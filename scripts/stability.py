@@ -30,6 +30,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 # not Dr.Jit or Mitsuba: `main` has to choose an LLVM first
+import _markdown
 from _hard_cases import (
     GRADIENTS,
     REGIONS,
@@ -41,7 +42,6 @@ from _hard_cases import (
 )
 from _peer_formulas import FORMULAS, Formula
 from fresnel_decomp import __version__, doctor
-from fresnel_decomp._check import input_error
 from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import write_json, write_text
 from fresnel_decomp.report import style
@@ -460,15 +460,7 @@ def write(path: Path, results: Sequence[Result], about: dict[str, Any]) -> None:
 
 def insert(page: Path, text: str) -> None:
     """Replace what stands between `MARKS` in a Markdown file."""
-    before, *rest = page.read_text(encoding="utf-8").split(MARKS[0])
-    after = rest[0].split(MARKS[1])[1:] if len(rest) == 1 else []
-    if len(after) != 1:
-        raise input_error(
-            f"'{page}' without a place for the tables",
-            f"lines '{MARKS[0].strip()}' and '{MARKS[1].strip()}' in it",
-            "Add them.",
-        )
-    write_text(page, f"{before}{MARKS[0]}\n{text}\n\n{MARKS[1]}{after[0]}")
+    _markdown.insert(page, text, MARKS)
 
 
 def _without_infinity(value: Any) -> Any:

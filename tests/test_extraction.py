@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse.linalg
 
-from fresnel_decomp import CurveSet, InputError
+from fresnel_decomp import CurveSet, InputError, extract_basis
 from fresnel_decomp.curves import talk_training_set
 from fresnel_decomp.extraction import RECIPES, extract
 
@@ -190,3 +190,16 @@ def test_too_similar_curves(rule, different):
     eta = np.resize([1.5, 1.8], 10) if different == 2 else np.full(10, 1.5)
     with pytest.raises(InputError, match="combinations of fewer functions than terms"):
         extract(CurveSet("x", eta, np.zeros(10)), 4, rule)
+
+
+@pytest.mark.parametrize("rule", ["deflation", "joint"])
+def test_metals_that_dip_deeply(rule):
+    """(F - F0) / (1 - F0) of aluminium goes below -.5, but b_1 is 1 at grazing incidence."""
+    metals = CurveSet("bright", np.linspace(0.8, 1.6, 9), np.linspace(9.0, 6.0, 9))
+    assert metals.rescaled(np.linspace(0.0, 1.0, 200)).min() < -0.5
+    basis = extract_basis(metals, 3, rule=rule)
+    ends = basis(np.array([0.0, 1.0]))
+    np.testing.assert_allclose(ends, [[1.0, 1.0, 0.0], [1.0, 0.0, 0.0]], atol=1e-9)
+    assert basis.error(metals.eta, metals.k).max.max() < 0.004
+    if rule == "deflation":  # one of them is enough: a fit takes seconds
+        assert basis.closed_form.error <= 1e-4

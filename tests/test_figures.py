@@ -15,8 +15,8 @@ import pytest
 SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
 MODULES = (
     "_figure", "_page", "_renders", "fig01a_basis", "fig01b_beryllium", "fig01c_roughness",
-    "fig02_edge_tint", "fig03_shader_balls", "_split_sum", "split_sum_study",
-    "reproduce",
+    "fig02_edge_tint", "fig03_shader_balls", "_split_sum", "split_sum_study", "reproduce",
+    "table_study",
 )  # fmt: skip
 RENDERED = ("fig01b_beryllium", "fig01c_roughness", "fig02_edge_tint", "fig03_shader_balls")
 
@@ -58,7 +58,8 @@ def sidecar(folder: Path, name: str) -> dict[str, Any]:
 def test_list_names_every_script(reproduce: Any, capsys: pytest.CaptureFixture[str]) -> None:
     assert reproduce("--list") == 0
     listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
-    assert listed == [*sorted(path.stem for path in SCRIPTS.glob("fig*.py")), "split_sum_study"]
+    figures = sorted(path.stem for path in SCRIPTS.glob("fig*.py"))
+    assert listed == [*figures, "split_sum_study", "table_study"]
 
 
 def test_only_takes_names_and_their_beginnings(
@@ -208,3 +209,22 @@ def test_rendered_figures(
     for numbers in sidecar(tmp_path, name)["results"]["renders"].values():
         assert numbers["decomposition"]["rmse"] < 0.2 * numbers["schlick"]["rmse"]
         assert numbers["decomposition"]["delta_e"] < 0.5
+
+
+@pytest.mark.slow
+def test_table_study(scripts: Any, reproduce: Any, tmp_path: Path) -> None:
+    """Every step runs; larger tables are better, half floats cost little, eight bits more."""
+    assert reproduce("--quick", "--only", "table_study", "--out", tmp_path) == 0
+    assert (tmp_path / "table_study.png").read_bytes().startswith(b"\x89PNG")
+    results = sidecar(tmp_path, "table_study")["results"]
+    errors = [results["layouts"][f"default-{size}"]["max_outside_corner"] for size in (16, 24, 32)]
+    assert errors == sorted(errors, reverse=True)
+    added = [results["formats"][name]["added"] for name in ("half", "8-bit unorm", "RGB10A2")]
+    assert 0.0 < added[0] < 5e-4 < added[1] < added[2] < 0.05
+    page = tmp_path / "page.md"
+    page.write_text("".join(scripts.table_study.MARKS), encoding="utf-8")
+    with pytest.raises(SystemExit):
+        scripts._figure.main(
+            scripts.table_study.group, ["page", str(page), "--data", str(tmp_path)]
+        )
+    assert "8-bit unorm" in page.read_text(encoding="utf-8")

@@ -223,6 +223,43 @@ def test_substitution_is_for_numpy(backend):
 # --- the interface ------------------------------------------------------------------------------
 
 
+def test_clamping_is_opt_in():
+    eta, k, cos_theta = 1.01, 0.0, np.linspace(0.0, 1.0, 2001)
+    free = Decomposition.from_ior(eta, k)
+    clamped = Decomposition.from_ior(eta, k, clamp=True)
+    F, exact = free(cos_theta), conductor(cos_theta, eta, k)
+    assert F.min() < -1e-3  # or there would be nothing to clamp
+    np.testing.assert_array_equal(clamped(cos_theta), np.clip(F, 0.0, 1.0))
+    assert (np.abs(clamped(cos_theta) - exact) <= np.abs(F - exact)).all()
+    assert type(clamped(0.2)) is float
+    assert clamped(float(cos_theta[F.argmin()])) == 0.0
+    above = Decomposition(np.array([1.022, -0.022, -0.026, -0.013]), load_basis(), clamp=True)
+    assert above(1.0) == 1.0
+    assert np.isnan(Decomposition(np.full(4, np.nan), load_basis(), clamp=True)(0.5))
+    substituted = Decomposition.from_ior(0.6, 0.0, poor_fit="substitute", clamp=True)
+    assert np.all(substituted(cos_theta) <= 1.0)
+
+
+@pytest.mark.parametrize("backend", AD_BACKENDS)
+def test_clamping_stops_derivatives_where_it_clamps(backend):
+    import drjit as dr
+
+    Float = float_type(backend, "float64")
+    cos_theta = np.linspace(0.0, 1.0, 201)
+    found = []
+    for clamp in (False, True):
+        c = [Float(v) for v in load_basis().coefficients(1.01, 0.0)]
+        dr.enable_grad(c[2])
+        F = Decomposition(c, load_basis(), clamp=clamp)(Float(cos_theta))
+        dr.forward(c[2])
+        found.append((np.array(F), np.array(dr.grad(F))))
+    (F, free), (clamped, stopped) = found
+    np.testing.assert_array_equal(clamped, np.clip(F, 0.0, 1.0))
+    inside = (F >= 0.0) & (F <= 1.0)
+    assert 0 < inside.sum() < len(F)
+    np.testing.assert_array_equal(stopped, np.where(inside, free, 0.0))
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_one_interface(name):
     model = model_from_ior(name, ETA, K)

@@ -16,6 +16,7 @@ from fresnel_decomp import CurveSet, Schlick, conductor, curves, doctor, load_ba
 
 ROOT = Path(__file__).parent.parent
 RECIPES_PAGE = ROOT / "docs" / "recipes.md"
+DECOMPOSITION_PAGE = ROOT / "docs" / "decomposition.md"
 
 # largest error, RMSE: published with three digits, or found by an independent implementation
 KNOWN = {
@@ -136,6 +137,37 @@ def test_page_quotes_the_accuracy(models: str, script):
             assert_known(name, models_of_set)
         printed += "\n" + table.worst_table(results)
     assert not table_rows(printed) - table_rows(RECIPES_PAGE.read_text(encoding="utf-8"))
+
+
+def test_ranges(script, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    table, out = script("range_table"), tmp_path / "range.json"
+    table.main(["--sets", "a", "tir", "--out", str(out)])
+    printed = table_rows(capsys.readouterr().out)
+    page = DECOMPOSITION_PAGE.read_text(encoding="utf-8")
+    assert printed <= table_rows(page)
+    report = json.loads(out.read_text(encoding="utf-8"))
+    curve_set, basis = curves.dielectrics(), load_basis("talk")
+    fit = basis.coefficients(curve_set.eta, curve_set.k)[:, None]
+    F = basis.evaluate(fit, curves.error_cosines()[0])
+    row = next(r for r in report["ranges"] if (r["recipe"], r["set"]) == ("talk", "a"))
+    assert row["least"]["value"] == pytest.approx(F.min(), abs=1e-12)
+    assert row["largest"]["value"] == pytest.approx(F.max(), abs=1e-12)
+    assert row["leaving"] == np.mean(((F < -1e-9) | (F > 1.0 + 1e-9)).any(axis=1))
+    uniform = np.linspace(0.0, 1.0, 2049)
+    dense = basis.evaluate(fit, uniform)
+    change = 2.0 * np.trapezoid((np.clip(dense, 0.0, 1.0) - dense) * uniform, uniform, axis=1)
+    assert row["bias"] == pytest.approx([change.min(), change.max()], abs=1e-6)
+    # gold under D65, whose red is above 1
+    assert [(c["material"], c["channel"]) for c in report["colours"] if c["above"] > 0] == [
+        ("Au", "R")
+    ]
+
+
+@pytest.mark.slow
+def test_page_quotes_all_ranges(script, capsys: pytest.CaptureFixture[str]):
+    script("range_table").main([])
+    page = table_rows(DECOMPOSITION_PAGE.read_text(encoding="utf-8"))
+    assert table_rows(capsys.readouterr().out) <= page
 
 
 @pytest.mark.slow  # 38 kernels to compile

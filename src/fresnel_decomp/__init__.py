@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ._check import InputError
     from .albedo import directional_albedo
     from .basis import Basis, FitError, extract_basis, load_basis
+    from .basis_table import BasisTable
     from .closed_form import ClosedForm
     from .colour import delta_e_2000, linear_to_srgb, rgb_weights
     from .curves import CurveSet
@@ -42,6 +43,7 @@ _HOMES = {
     "_check": ["InputError"],
     "albedo": ["directional_albedo"],
     "basis": ["Basis", "FitError", "extract_basis", "load_basis"],
+    "basis_table": ["BasisTable"],
     "closed_form": ["ClosedForm"],
     "colour": ["delta_e_2000", "linear_to_srgb", "rgb_weights"],
     "curves": ["CurveSet"],
@@ -80,6 +82,7 @@ __all__ = [
     "RECIPES",
     "AlbedoTable",
     "Basis",
+    "BasisTable",
     "ClosedForm",
     "CurveSet",
     "Decomposition",

@@ -55,10 +55,21 @@ class Ops:
     cos: Callable[..., Any]
     exp: Callable[..., Any]
     erf: Callable[..., Any]
+    erfinv: Callable[..., Any]
     arccos: Callable[..., Any]
     arctan2: Callable[..., Any]
-    sinh: Callable[..., Any]
-    arcsinh: Callable[..., Any]
+
+    def sinh(self, x: Any) -> Any:
+        """Hyperbolic sine."""
+        return np.sinh(x)
+
+    def arcsinh(self, x: Any) -> Any:
+        """Its inverse, for x >= 0."""
+        return np.arcsinh(x)
+
+    def sincos(self, x: Any) -> tuple[Any, Any]:
+        """Both at once, which Dr.Jit computes at little more than the cost of one."""
+        return self.sin(x), self.cos(x)
 
     def detach(self, value: Any) -> Any:
         """`value` without its gradient."""
@@ -78,8 +89,7 @@ class NumPyOps(Ops):
         self.minimum, self.maximum, self.select = np.minimum, np.maximum, np.where
         self.sin, self.cos, self.exp = np.sin, np.cos, np.exp
         self.arccos, self.arctan2 = np.arccos, np.arctan2
-        self.sinh, self.arcsinh = np.sinh, np.arcsinh
-        self.erf = _erf
+        self.erf, self.erfinv = _from_scipy("erf"), _from_scipy("erfinv")
 
     def two_product(self, a: Any, b: Any) -> tuple[Any, Any]:
         # NumPy has no fused multiply-add
@@ -92,10 +102,15 @@ class NumPyOps(Ops):
         return p, ((a_hi * b_hi - p) + a_hi * b_lo + a_lo * b_hi) + a_lo * b_lo
 
 
-def _erf(x: Any) -> Any:
-    from scipy.special import erf
+def _from_scipy(name: str) -> Callable[..., Any]:
+    """A function of `scipy.special`, which is imported when it is first called."""
 
-    return erf(x)
+    def function(x: Any) -> Any:
+        from scipy import special
+
+        return getattr(special, name)(x)
+
+    return function
 
 
 def _veltkamp(x: Any) -> Any:
@@ -114,9 +129,21 @@ class DrJitOps(Ops):
         self.sqrt, self.abs = dr.sqrt, dr.abs
         self.hypot = self._hypot
         self.minimum, self.maximum, self.select = dr.minimum, dr.maximum, dr.select
-        self.sin, self.cos, self.exp, self.erf = dr.sin, dr.cos, dr.exp, dr.erf
+        self.sin, self.cos, self.exp = dr.sin, dr.cos, dr.exp
+        self.erf, self.erfinv = dr.erf, dr.erfinv
         self.arccos, self.arctan2 = dr.acos, dr.atan2
-        self.sinh, self.arcsinh = dr.sinh, dr.asinh
+
+    # `dr.sinh` and `dr.asinh` fail for scalar arrays; these are right to a rounding of 1
+
+    def sinh(self, x: Any) -> Any:
+        grown = self.dr.exp(x)
+        return 0.5 * (grown - 1.0 / grown)
+
+    def arcsinh(self, x: Any) -> Any:
+        return self.dr.log(x + self.dr.sqrt(self.dr.fma(x, x, 1.0)))
+
+    def sincos(self, x: Any) -> tuple[Any, Any]:
+        return self.dr.sincos(x)
 
     def detach(self, value: Any) -> Any:
         return self.dr.detach(value)

@@ -2,7 +2,8 @@ r"""From a set of exact curves to a basis: the talk's iterative SVD, and the not
 
 With F the (n, m) matrix of training curves on a grid uniform in cosine, both rules start from
 
-    b_0 = 1,   b_1 = first right singular vector of (F - F0) / (1 - F0), over its maximum.
+    b_0 = 1,   b_1 = first right singular vector of (F - F0) / (1 - F0), over its value at grazing
+                     incidence, where all these curves are 1 (and most have their maximum).
 
 *deflation* (the talk's Eq. 6): from the residual F - F0 - (1 - F0) b_1 take the first right
 singular vector b_2, fix its scale, fit every row's coefficient at one node, subtract, repeat.
@@ -11,8 +12,9 @@ Later vectors are made to vanish at earlier nodes by construction, so the node s
 *joint*: subtract b_1 from the rescaled curves and take all further vectors from one SVD.
 
 A singular vector is a linear combination of training curves, so off the grid a basis function is
-that same combination of exact curves evaluated there. Signs and scales are fixed by one rule: each
-function is divided by its value of largest magnitude on the grid, so that it peaks at +1.
+that same combination of exact curves evaluated there. Signs and scales of the others are fixed by
+one rule: each function is divided by its value of largest magnitude on the grid, so that it peaks
+at +1.
 """
 
 from __future__ import annotations
@@ -163,6 +165,8 @@ def extract(
             "Remove perfect mirrors from the training set.",
         )
     weights = _leading(residual[:, :grid], 1)
+    # where metals dip below F0 deeply, b_1 has its largest magnitude there
+    weights = weights / (weights @ residual[:, :1])
     residual = residual - weights[0] @ residual
     if rule == "joint":
         weights = np.concatenate([weights, _leading(residual[:, :grid], terms - 2)])

@@ -27,6 +27,7 @@ __all__ = [
     "nrmse",
     "read_exr",
     "read_exr_attributes",
+    "read_exr_planes",
     "rmse",
     "signed_difference",
     "write_exr",
@@ -73,14 +74,15 @@ def write_exr(
     image: ArrayLike | Mapping[str, ArrayLike],
     attributes: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a float32 OpenEXR file, losslessly compressed, whole or not at all.
+    """Write an OpenEXR file, losslessly compressed, whole or not at all.
 
     Parameters
     ----------
     path : path
         Ends in `.exr`.
     image : (height, width, 3) array, (height, width) array, or mapping of names to such planes
-        Three channels are named R, G and B, a single one Y.
+        Three channels are named R, G and B, a single one Y. float16 is stored as half floats, all
+        else as float32.
     attributes : mapping of str to str, optional
         Metadata for the header, for instance ``{"software": ..., "recipe": "talk"}``.
 
@@ -95,11 +97,11 @@ def write_exr(
     import OpenEXR
 
     if isinstance(image, Mapping):
-        planes = {name: np.asarray(plane, np.float32) for name, plane in image.items()}
+        planes = {name: _storable(plane) for name, plane in image.items()}
     elif np.ndim(image) == 2:
-        planes = {"Y": np.asarray(image, np.float32)}
+        planes = {"Y": _storable(image)}
     else:
-        values = np.asarray(image, np.float32)
+        values = _storable(image)
         if values.ndim != 3 or values.shape[2] != 3:
             raise input_error(
                 f"image of shape {values.shape}",
@@ -124,6 +126,12 @@ def write_exr(
         OpenEXR.File(header, channels).write(str(temporary))
 
 
+def _storable(plane: ArrayLike) -> NDArray[Any]:
+    """An array of a type that EXR has."""
+    array = np.asarray(plane)
+    return array if array.dtype == np.float16 else np.asarray(array, np.float32)
+
+
 def read_exr(path: str | os.PathLike[str]) -> _Image:
     """Read channels R, G and B of an OpenEXR file, or its only channel three times over.
 
@@ -131,8 +139,7 @@ def read_exr(path: str | os.PathLike[str]) -> _Image:
     -------
     (height, width, 3) float32 array
     """
-    with _open_exr(path) as file:
-        channels = {name: channel.pixels for name, channel in file.channels().items()}
+    channels = read_exr_planes(path)
     planes = [channels[name] for name in "RGB"] if {*"RGB"} <= {*channels} else [*channels.values()]
     if len(planes) not in (1, 3):
         raise input_error(
@@ -141,6 +148,25 @@ def read_exr(path: str | os.PathLike[str]) -> _Image:
             "Read it with the OpenEXR package.",
         )
     return np.stack([np.asarray(p, np.float32) for p in planes] * (3 // len(planes)), axis=-1)
+
+
+def read_exr_planes(path: str | os.PathLike[str]) -> dict[str, NDArray[Any]]:
+    """All channels of an OpenEXR file by name, (height, width) arrays of the type they have there.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or not to its end.
+    """
+    with _open_exr(path) as file:
+        try:
+            return {name: channel.pixels for name, channel in file.channels().items()}
+        except ValueError as error:  # the header was whole
+            raise input_error(
+                f"cannot read the pixels of '{path}' ({error})",
+                "a whole OpenEXR file",
+                "It is truncated: write it anew.",
+            ) from error
 
 
 def read_exr_attributes(path: str | os.PathLike[str]) -> dict[str, str]:

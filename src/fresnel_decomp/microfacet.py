@@ -13,17 +13,20 @@ because it is a sum of terms that are not negative and is finite where Lambda is
 with s² = 1 - c² and the roughness a = alpha. Masking is G1 = c / sigma, and masking-shadowing
 
     separable   G2 = G1(i) G1(o)
-    correlated  G2 = c_i c_o / (c_o sigma_i + c_i sigma_o - c_i c_o)     (height-correlated)
+    correlated  G2 = G1(o) c_i / (c_i + G1(o) (sigma_i - c_i))           (height-correlated)
 
 Directions are triples (x, y, z) in a frame whose z axis is the surface normal; `alpha` is the
-square of what artists call roughness. Arguments are Python floats, NumPy arrays or Dr.Jit arrays.
-Formulas as in a shader: nothing is checked or clamped but what is said.
+square of what artists call roughness: 0, or large enough that its square does not underflow (1e-18
+in float32). Arguments are Python floats, NumPy arrays or Dr.Jit arrays. Formulas as in a shader:
+nothing is checked or clamped but what is said.
 """
 
 from __future__ import annotations
 
+import functools
 import math
-from typing import Any, Literal, Protocol
+from collections.abc import Callable
+from typing import Any, Literal, Protocol, TypeVar, cast
 
 import numpy as np
 
@@ -40,6 +43,7 @@ __all__ = [
     "projected_area",
     "reflect",
     "sample_visible_normal",
+    "shadowing",
     "smith_lambda",
 ]
 
@@ -52,7 +56,31 @@ the height of the microfacet, as in Filament, Unity and three.js."""
 
 Vector = tuple[Any, Any, Any]
 
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
+
+def _same_kind(function: _Function) -> _Function:
+    """Python floats for Python floats, and NumPy scalars for NumPy's."""
+
+    @functools.wraps(function)
+    def wrapped(*arguments: Any, **options: Any) -> Any:
+        result = function(*arguments, **options)
+        given = [v for a in arguments for v in (a if isinstance(a, tuple) else (a,))]
+        plain = not any(isinstance(value, np.generic | np.ndarray) for value in given)
+        return _without_axes(result, plain)
+
+    return cast(_Function, wrapped)
+
+
+def _without_axes(result: Any, plain: bool) -> Any:
+    if isinstance(result, tuple):
+        return tuple(_without_axes(value, plain) for value in result)
+    if not isinstance(result, np.generic | np.ndarray) or result.ndim:
+        return result
+    return float(result) if plain else result.dtype.type(result)
+
+
+@_same_kind
 def ndf(normal: Vector, alpha: Any, distribution: Distribution = "ggx") -> Any:
     """Density of microfacet normals per solid angle: its integral times the cosine is 1.
 
@@ -71,19 +99,15 @@ def ndf(normal: Vector, alpha: Any, distribution: Distribution = "ggx") -> Any:
     Examples
     --------
     >>> from fresnel_decomp.microfacet import ndf
-    >>> round(float(ndf((0.0, 0.0, 1.0), 0.5)), 6)  # 1 / (pi alpha²)
+    >>> round(ndf((0.0, 0.0, 1.0), 0.5), 6)  # 1 / (pi alpha²)
     1.27324
     """
-    shape = _shape(distribution)
+    shape = named_shape(distribution)
     ops, (x, y, z, alpha) = _arguments(*normal, alpha)
-    above = z > 0.0
-    cos = ops.select(above, z, 1.0)
-    # divided by alpha before squared: alpha² may underflow where the slope does not
-    u, v = x / (alpha * cos), y / (alpha * cos)
-    density = shape.slope_density(ops, u * u + v * v) / (alpha * cos * cos) / (alpha * cos * cos)
-    return ops.select(above, density, 0.0)
+    return ops.select(z > 0.0, shape.density(ops, x * x + y * y, z, alpha), 0.0)
 
 
+@_same_kind
 def projected_area(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx") -> Any:
     """Area of the visible microfacets, seen from a direction, over that of the surface.
 
@@ -97,11 +121,12 @@ def projected_area(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx
     -------
     (...) float in [cos_theta, 1); cos_theta at alpha = 0. Finite derivatives for alpha > 0.
     """
-    shape = _shape(distribution)
+    shape = named_shape(distribution)
     ops, (cos_theta, alpha) = _arguments(cos_theta, alpha)
     return shape.projected_area(ops, cos_theta, alpha)
 
 
+@_same_kind
 def smith_lambda(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx") -> Any:
     """Smith's Lambda: masked over visible area. Infinite at cos_theta = 0; see `projected_area`.
 
@@ -110,11 +135,12 @@ def smith_lambda(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx")
     cos_theta : (...) float in (0, 1]
     alpha : (...) float >= 0
     """
-    shape = _shape(distribution)
+    shape = named_shape(distribution)
     ops, (cos_theta, alpha) = _arguments(cos_theta, alpha)
     return shape.hidden_area(ops, cos_theta, alpha) / cos_theta
 
 
+@_same_kind
 def masking(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx") -> Any:
     """Smith's G1, the visible share of microfacets that face a direction.
 
@@ -133,13 +159,14 @@ def masking(cos_theta: Any, alpha: Any, distribution: Distribution = "ggx") -> A
     >>> masking(1.0, 0.5), masking(0.0, 0.5), masking(0.0, 0.0)
     (1.0, 0.0, 1.0)
     """
-    shape = _shape(distribution)
+    shape = named_shape(distribution)
     ops, (cos_theta, alpha) = _arguments(cos_theta, alpha)
     area = shape.projected_area(ops, cos_theta, alpha)
     flat = area == 0.0
     return ops.select(flat, 1.0, cos_theta / ops.select(flat, 1.0, area))
 
 
+@_same_kind
 def masking_shadowing(
     cos_theta_i: Any,
     cos_theta_o: Any,
@@ -163,20 +190,41 @@ def masking_shadowing(
     Examples
     --------
     >>> from fresnel_decomp.microfacet import masking_shadowing
-    >>> [round(float(masking_shadowing(0.2, 0.2, 0.5, smith)), 4) for smith in SMITH]
-    [0.2829, 0.3623]
+    >>> [round(masking_shadowing(0.2, 0.2, 0.5, smith), 4) for smith in SMITH]
+    [0.3009, 0.378]
+    """
+    if choose("smith", smith, SMITH) == "separable":
+        return masking(cos_theta_i, alpha, distribution) * masking(cos_theta_o, alpha, distribution)
+    shape = named_shape(distribution)
+    ops, (cos_theta_i, cos_theta_o, alpha) = _arguments(cos_theta_i, cos_theta_o, alpha)
+    first = masking(cos_theta_o, alpha, distribution)
+    return first * shadowing_ratio(ops, shape, "correlated", cos_theta_i, alpha, first)
+
+
+@_same_kind
+def shadowing(
+    cos_theta_i: Any,
+    cos_theta_o: Any,
+    alpha: Any,
+    smith: Smith = "separable",
+    distribution: Distribution = "ggx",
+) -> Any:
+    """G2 / G1(o), the share of what `o` sees that `i` sees too; finite at cos_theta_o = 0.
+
+    The weight of a sample of `sample_visible_normal`. Parameters as for `masking_shadowing`.
+
+    Returns
+    -------
+    (...) float in [0, 1]
     """
     choose("smith", smith, SMITH)
-    first = masking(cos_theta_o, alpha, distribution)
-    second = masking(cos_theta_i, alpha, distribution)
-    ops = ops_for(first, second)
-    if smith == "separable":
-        return first * second
-    union = first + second - first * second
-    dark = union == 0.0
-    return ops.select(dark, 0.0, first * second / ops.select(dark, 1.0, union))
+    shape = named_shape(distribution)
+    ops, (cos_theta_i, cos_theta_o, alpha) = _arguments(cos_theta_i, cos_theta_o, alpha)
+    unmasked = masking(cos_theta_o, alpha, distribution)
+    return shadowing_ratio(ops, shape, smith, cos_theta_i, alpha, unmasked)
 
 
+@_same_kind
 def half_vector(wi: Vector, wo: Vector) -> tuple[Vector, Any]:
     """The microfacet normal that reflects `wi` to `wo`, and the cosine between it and either.
 
@@ -202,6 +250,7 @@ def half_vector(wi: Vector, wo: Vector) -> tuple[Vector, Any]:
     return normal, ops.minimum(ops.select(opposite, 0.0, 0.5 * length), 1.0)
 
 
+@_same_kind
 def reflect(wo: Vector, normal: Vector) -> Vector:
     """`wo` mirrored about a unit normal."""
     _, values = _arguments(*wo, *normal)
@@ -210,6 +259,7 @@ def reflect(wo: Vector, normal: Vector) -> Vector:
     return twice * h[0] - w[0], twice * h[1] - w[1], twice * h[2] - w[2]
 
 
+@_same_kind
 def sample_visible_normal(
     wo: Vector, alpha: Any, u1: Any, u2: Any, distribution: Distribution = "ggx"
 ) -> Vector:
@@ -230,7 +280,7 @@ def sample_visible_normal(
     -------
     triple of (...) float: a unit vector with positive cosine to `wo`
     """
-    shape = _shape(distribution)
+    shape = named_shape(distribution)
     ops, (x, y, z, alpha, u1, u2) = _arguments(*wo, alpha, u1, u2)
     # the frame in which the surface has roughness 1
     x, y = alpha * x, alpha * y
@@ -248,8 +298,8 @@ def sample_visible_normal(
 class Shape(Protocol):
     """What tells one distribution from another, for arguments of one kind."""
 
-    def slope_density(self, ops: Ops, square: Any) -> Any:
-        """Density of slopes at roughness 1, of the squared length of the slope."""
+    def density(self, ops: Ops, sine_square: Any, cos: Any, alpha: Any) -> Any:
+        """Density of normals per solid angle, for cos > 0."""
         ...
 
     def projected_area(self, ops: Ops, c: Any, alpha: Any) -> Any:
@@ -260,14 +310,15 @@ class Shape(Protocol):
         """sigma - c = c Lambda."""
         ...
 
-    def slope_node(
-        self, ops: Ops, numerator: Any, denominator: Any, edge: Any, w: Any, weight: Any
-    ) -> tuple[Any, Any, Any]:
-        """(a, b, weight) of a slope t = a/b <= numerator/denominator, for w in [0, 1].
+    def slope_range(self, ops: Ops, numerator: Any, denominator: Any, edge: Any) -> tuple[Any, ...]:
+        """What `slope_node` needs of slopes t <= numerator/denominator.
 
-        `weight` is that of P(t) t dt, over b. `edge` is the scale on which F may vary near the
-        last angle.
+        `edge` is the scale on which F may vary near the last angle.
         """
+        ...
+
+    def slope_node(self, ops: Ops, limits: tuple[Any, ...], w: Any) -> tuple[Any, Any, Any]:
+        """(a, b, weight) of the slope t = a/b at w in [0, 1]; the weight is P(t) t dt/dw over b."""
         ...
 
     def sample_unit(self, ops: Ops, x: Any, y: Any, z: Any, u1: Any, u2: Any) -> Vector:
@@ -276,77 +327,112 @@ class Shape(Protocol):
 
 
 class _GGX:
-    def slope_density(self, ops: Ops, square: Any) -> Any:
-        inverse = 1.0 / (1.0 + square)
-        return inverse * inverse / math.pi
+    def density(self, ops: Ops, sine_square: Any, cos: Any, alpha: Any) -> Any:
+        # alpha² / (pi (sin² + alpha² cos²)²), divided by alpha before anything is squared
+        inverse = 1.0 / (sine_square / alpha + alpha * cos * cos)
+        return inverse * inverse * (1.0 / math.pi)
 
     def projected_area(self, ops: Ops, c: Any, alpha: Any) -> Any:
         return 0.5 * (c + self._stretched(ops, c, alpha))
 
     def hidden_area(self, ops: Ops, c: Any, alpha: Any) -> Any:
-        # (L - c)/2 without its cancellation
-        length = self._stretched(ops, c, alpha)
-        tangent = alpha * alpha * (1.0 - c) * (1.0 + c)
-        total = length + c
+        # (length - c)/2 without its cancellation
+        total = self._stretched(ops, c, alpha) + c
+        tangent = alpha * alpha * ((1.0 - c) * (1.0 + c))
         return 0.5 * tangent / ops.select(total > 0.0, total, 1.0)
 
     def _stretched(self, ops: Ops, c: Any, alpha: Any) -> Any:
-        return ops.sqrt(alpha * alpha * ((1.0 - c) * (1.0 + c)) + c * c)
+        """Length of the direction in the frame in which the surface has roughness 1."""
+        square = alpha * alpha * ((1.0 - c) * (1.0 + c)) + c * c
+        some = square > 0.0  # safe before the root, for the sake of its derivative
+        return ops.select(some, ops.sqrt(ops.select(some, square, 1.0)), 0.0)
 
-    def slope_node(
-        self, ops: Ops, numerator: Any, denominator: Any, edge: Any, w: Any, weight: Any
-    ) -> tuple[Any, Any, Any]:
-        # t = tan(theta) and theta = theta* - edge sinh(rate (1 - w))²: dense near the last angle.
-        # All by the complements of angles, which are small there.
+    # t = tan(theta) and theta = theta* - scale sinh(rate (1 - w))²: dense near the last angle, and
+    # by complements of angles, which are small there
+    def slope_range(self, ops: Ops, numerator: Any, denominator: Any, edge: Any) -> tuple[Any, ...]:
         last = ops.arctan2(denominator, numerator)
         span = 0.5 * math.pi - last
-        rate = ops.detach(ops.arcsinh(ops.sqrt(ops.maximum(span / edge, 1e-12))))
-        wave, end = ops.sinh(rate * (1.0 - w)), ops.sinh(rate)
-        scale = span / (end * end)
+        root = ops.sqrt(ops.maximum(ops.detach(span) / edge, 1e-12))
+        return last, span / (root * root), ops.arcsinh(root)
+
+    def slope_node(self, ops: Ops, limits: tuple[Any, ...], w: Any) -> tuple[Any, Any, Any]:
+        last, scale, rate = limits
+        grown = ops.exp(rate * (1.0 - w))
+        shrunk = 1.0 / grown
+        wave = 0.5 * (grown - shrunk)
         complement = last + scale * wave * wave
-        step = 2.0 * scale * rate * wave * ops.sqrt(1.0 + wave * wave)
-        across = ops.cos(complement)
-        return across, ops.sin(complement), step * weight * across / math.pi
+        along, across = ops.sincos(complement)
+        step = scale * rate * wave * (grown + shrunk)
+        return across, along, step * across * (1.0 / math.pi)
 
     def sample_unit(self, ops: Ops, x: Any, y: Any, z: Any, u1: Any, u2: Any) -> Vector:
+        # a direction, uniform on the cap above -z, plus the view direction
         phi = 2.0 * math.pi * u1
-        # a direction, uniform on the cap above -z; 1 + cap by itself, since it may be small
-        above = (1.0 - z) + (1.0 - u2) * (1.0 + z)
-        cap = above - 1.0
-        radius = ops.sqrt(ops.maximum(above * (2.0 - above), 0.0))
-        return radius * ops.cos(phi) + x, radius * ops.sin(phi) + y, ops.maximum(cap + z, 1e-30)
+        up = (1.0 - u2) * (1.0 + z)
+        cap = up - z
+        radius = ops.sqrt(ops.maximum((1.0 - cap) * (1.0 + cap), 0.0))
+        return radius * ops.cos(phi) + x, radius * ops.sin(phi) + y, ops.maximum(up, 1e-30)
 
 
 class _Beckmann:
-    def slope_density(self, ops: Ops, square: Any) -> Any:
-        return ops.exp(-square) / math.pi
+    def density(self, ops: Ops, sine_square: Any, cos: Any, alpha: Any) -> Any:
+        # beyond slopes of 10 alpha it is below 1e-43, and its parts overflow
+        reach = 10.0 * alpha * cos
+        near = sine_square < reach * reach
+        cos, sine_square = ops.select(near, cos, 1.0), ops.select(near, sine_square, 0.0)
+        slope_square = sine_square / (alpha * cos) / (alpha * cos)
+        inverse = 1.0 / (alpha * cos * cos)
+        return ops.select(near, ops.exp(-slope_square) * inverse * inverse / math.pi, 0.0)
 
     def projected_area(self, ops: Ops, c: Any, alpha: Any) -> Any:
-        ratio, spread = self._ratio(ops, c, alpha)
-        tail = ops.exp(-ratio * ratio) / (2.0 * math.sqrt(math.pi))
-        return 0.5 * c * (1.0 + ops.erf(ratio)) + spread * tail
+        return c + self.hidden_area(ops, c, alpha)  # and so never below c
 
     def hidden_area(self, ops: Ops, c: Any, alpha: Any) -> Any:
-        ratio, spread = self._ratio(ops, c, alpha)
+        few, ratio, spread = self._spread(ops, c, alpha)
         tail = ops.exp(-ratio * ratio) / (2.0 * math.sqrt(math.pi))
-        return ops.maximum(spread * tail - 0.5 * c * (1.0 - ops.erf(ratio)), 0.0)
+        hidden = spread * tail - 0.5 * c * (1.0 - ops.erf(ratio))
+        return ops.select(few, ops.maximum(hidden, 0.0), 0.0)
 
-    def _ratio(self, ops: Ops, c: Any, alpha: Any) -> tuple[Any, Any]:
-        """c / (alpha s), at most 8, where nothing is masked any more, and alpha s."""
-        spread = alpha * ops.sqrt(ops.maximum((1.0 - c) * (1.0 + c), 0.0))
-        few = c < 8.0 * spread
-        return ops.select(few, c / ops.select(few, spread, 1.0), 8.0), spread
+    def _spread(self, ops: Ops, c: Any, alpha: Any) -> tuple[Any, Any, Any]:
+        """Whether anything is masked; if so, c / (alpha s) and alpha s."""
+        square = alpha * alpha * ops.maximum((1.0 - c) * (1.0 + c), 0.0)
+        few = c * c < 64.0 * square  # beyond, less than 1e-29 of the surface is
+        spread = ops.sqrt(ops.select(few, square, 1.0))
+        return few, c / spread, spread
 
-    def slope_node(
-        self, ops: Ops, numerator: Any, denominator: Any, edge: Any, w: Any, weight: Any
-    ) -> tuple[Any, Any, Any]:
+    def slope_range(self, ops: Ops, numerator: Any, denominator: Any, edge: Any) -> tuple[Any, ...]:
         farthest = 4.2  # beyond it are 2e-8 of all slopes
-        last = numerator / ops.maximum(denominator, numerator / farthest)
+        return (numerator / ops.maximum(denominator, numerator / farthest),)
+
+    def slope_node(self, ops: Ops, limits: tuple[Any, ...], w: Any) -> tuple[Any, Any, Any]:
+        (last,) = limits
         t = last * w
-        return t, 1.0, ops.exp(-t * t) * t * last * weight / math.pi
+        return t, 1.0, ops.exp(-t * t) * t * last * (1.0 / math.pi)
 
     def sample_unit(self, ops: Ops, x: Any, y: Any, z: Any, u1: Any, u2: Any) -> Vector:
-        raise NotImplementedError
+        sine = ops.sqrt(x * x + y * y)
+        steep = sine > 1e-6 * z
+        # slopes s in the plane of incidence, s >= -a: density (z + s sine) exp(-s²). Its integral,
+        # as a function of e = erf(s), is convex; Newton's steps, halved brackets where they leave
+        a = ops.select(steep, ops.minimum(z / ops.select(steep, sine, 1.0), 4.0), 4.0)
+        half = 0.5 * math.sqrt(math.pi)
+        least = -ops.erf(a)
+        offset = half * z * ops.erf(a) + 0.5 * sine * ops.exp(-a * a)
+        target = u1 * (offset + half * z)
+        low, high = least, 1.0 - 1e-7 + 0.0 * least
+        e = least + (high - least) * u1
+        for _ in range(16):
+            s = ops.erfinv(e)
+            value = half * z * e - 0.5 * sine * ops.exp(-s * s) + offset - target
+            low, high = ops.select(value < 0.0, e, low), ops.select(value < 0.0, high, e)
+            slope = half * (z + sine * s)
+            step = e - value / ops.select(slope > 0.0, slope, 1.0)
+            inside = (slope > 0.0) & (step >= low) & (step <= high)
+            e = ops.select(inside, step, 0.5 * (low + high))
+        s, across = ops.erfinv(e), ops.erfinv(ops.minimum(2.0 * u2 - 1.0, 1.0 - 1e-7))
+        along_x = ops.select(steep, x / ops.select(steep, sine, 1.0), 1.0)
+        along_y = ops.select(steep, y / ops.select(steep, sine, 1.0), 0.0)
+        return s * along_x - across * along_y, s * along_y + across * along_x, 1.0 + 0.0 * s
 
 
 _SHAPES: dict[str, Shape] = {"ggx": _GGX(), "beckmann": _Beckmann()}
@@ -355,7 +441,20 @@ DISTRIBUTIONS = tuple(_SHAPES)
 """Names of the distributions."""
 
 
-def _shape(distribution: str) -> Shape:
+def shadowing_ratio(
+    ops: Ops, shape: Shape, smith: str, c_i: Any, alpha: Any, masking_o: Any
+) -> Any:
+    """`shadowing` for arrays of one kind and known G1(o)."""
+    if smith == "separable":
+        total = shape.projected_area(ops, c_i, alpha)
+    else:
+        total = c_i + masking_o * shape.hidden_area(ops, c_i, alpha)
+    dark = total == 0.0
+    lit = ops.select(dark & (alpha == 0.0), 1.0, c_i)
+    return lit / ops.select(dark, 1.0, total)
+
+
+def named_shape(distribution: str) -> Shape:
     return _SHAPES[choose("distribution", distribution, DISTRIBUTIONS)]
 
 

@@ -3,7 +3,7 @@
 Each model is a frozen dataclass of the parameters it is stored as, with `from_ior(eta, k)` to fit
 it to an index of refraction. Parameters and cosines broadcast; Python floats, NumPy arrays and
 Dr.Jit arrays are accepted except where a fit says otherwise, and the two kinds of array are not
-mixed. No model is clamped to [0, 1].
+mixed. No model is clamped to [0, 1] unless asked.
 """
 
 from __future__ import annotations
@@ -229,12 +229,19 @@ class Decomposition:
     basis : Basis
     substitute : callable or None
         Where given, `substitute(cos_theta, reflectance)` replaces what the basis cannot follow.
+    clamp : bool
+        Clamp the result to [0, 1]. Fits leave it by a part of their error: the reflectance of an
+        index of refraction comes nearer to the exact one, but no longer is linear in the
+        coefficients, so that it does not agree with a preintegrated table; nor does it follow
+        colours that leave [0, 1] as gold's red does. `scripts/range_table.py` measures both. No
+        derivative passes where it clamps.
     """
 
     name: ClassVar[str] = "decomposition"
     coefficients: Any
     basis: Basis
     substitute: _Substitute | None = None
+    clamp: bool = False
 
     @classmethod
     def from_ior(
@@ -244,6 +251,7 @@ class Decomposition:
         basis: Basis | None = None,
         *,
         poor_fit: Literal["raise", "keep", "substitute"] = "raise",
+        clamp: bool = False,
     ) -> Decomposition:
         """Fit to an index of refraction; the default basis is `load_basis()`.
 
@@ -254,6 +262,8 @@ class Decomposition:
             "substitute" (NumPy only) k = 0 uses reciprocity, R(eta, theta) = R(1/eta, theta_t) and
             1 beyond the critical angle, with the decomposition of 1/eta. Other poor fits, and
             eta > .95, whose reciprocal is near 1 and fits badly too, use the exact equations.
+        clamp : bool
+            See the class.
 
         Raises
         ------
@@ -263,7 +273,7 @@ class Decomposition:
         choose("poor_fit", poor_fit, ("raise", "keep", "substitute"))
         basis = load_basis() if basis is None else basis
         if poor_fit != "substitute":
-            return cls(basis.coefficients(eta, k, poor_fit=poor_fit), basis)
+            return cls(basis.coefficients(eta, k, poor_fit=poor_fit), basis, clamp=clamp)
         if is_drjit(eta, k):
             raise input_error(
                 "poor_fit='substitute' with Dr.Jit arrays",
@@ -273,9 +283,9 @@ class Decomposition:
         coefficients = basis.coefficients(eta, k, poor_fit="keep")
         poor = basis.poor_fit(eta, k, below=1.0)
         if not np.any(poor):
-            return cls(coefficients, basis)
+            return cls(coefficients, basis, clamp=clamp)
         eta, k = np.broadcast_arrays(np.asarray(eta, np.float64), np.asarray(k, np.float64))
-        return cls(coefficients, basis, _Substitute(basis, eta, k, poor))
+        return cls(coefficients, basis, _Substitute(basis, eta, k, poor), clamp)
 
     def __call__(self, cos_theta: Any) -> Any:
         if self.substitute is not None and is_drjit(cos_theta):
@@ -287,6 +297,12 @@ class Decomposition:
         reflectance = self.basis.evaluate(self.coefficients, cos_theta)
         if self.substitute is not None:
             reflectance = self.substitute(cos_theta, reflectance)
+        if self.clamp:
+            # by comparison, not by minimum and maximum, which may drop a NaN
+            select = ops_for(reflectance).select
+            reflectance = select(reflectance < 0.0, 0.0, reflectance)
+            reflectance = select(reflectance > 1.0, 1.0, reflectance)
+            reflectance = reflectance if is_drjit(reflectance) else reflectance[()]
         return _like_inputs(reflectance, cos_theta)
 
 

@@ -1,135 +1,38 @@
 """The preintegrated table: directional albedos of a basis over view angle and roughness.
 
-The default layout is 64 x 64 texels of b_0 ... b_3, with x = sqrt(mu) and y the perceptual
-roughness (alpha = y²), 0 and 1 on the centres of the outer texels. Then Fbar = sum_i c_i bbar_i
+The default layout is 64 x 64 texels of bbar_0 ... bbar_3, with x = sqrt(mu) and y the perceptual
+roughness (alpha = y²), 0 and 1 on the centres of the outer texels. Fbar = sum_i c_i bbar_i then
 costs one bilinear fetch, whatever the material.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+import hashlib
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
-from ._array import drjit_module, floating_type, is_drjit, one_kind, ops_for
+from ._array import drjit_module, floating_type, is_drjit, one_kind
 from ._check import choose, input_error
 from ._version import __version__
-from .albedo import directional_albedo
+from .albedo import Quadrature, directional_albedo
 from .basis import Basis
 from .closed_form import check_terms
+from .fast_curves import FastCurves, drjit_constant, packets
 from .microfacet import DISTRIBUTIONS, SMITH, Distribution, Smith
+from .table_layout import Layout
 
-__all__ = ["ALPHA_AXES", "MU_AXES", "AlbedoTable", "Layout"]
+__all__ = ["BAKE_QUADRATURE", "CHECK_QUADRATURE", "AlbedoTable"]
 
+BAKE_QUADRATURE = Quadrature(16, 16)
+"""256 nodes a texel: largest error below 3e-5, for both distributions and both Smith models."""
 
-class _Axis(NamedTuple):
-    """A coordinate in [0, 1] of mu or alpha in [0, 1], and back."""
-
-    forward: Callable[[Any, Any], Any]  # of Ops and values
-    inverse: Callable[[np.ndarray], np.ndarray]
-
-
-def _root(ops: Any, x: Any) -> Any:
-    # the slope of the root is infinite at 0, which no gradient survives: it ends at 5e5
-    return ops.sqrt(ops.maximum(x, 1e-12)) - 1e-6 * ops.select(x < 1e-12, 1.0, 0.0)
-
-
-def _angle(ops: Any, mu: Any) -> Any:
-    # 1 at grazing incidence, as for the other axes 0 is; the slope at normal incidence ends at 5e5
-    return 1.0 - ops.arccos(ops.minimum(mu, 1.0 - 1e-7)) * (2.0 / np.pi)
-
-
-MU_AXES = {
-    "sqrt_mu": _Axis(_root, lambda x: x * x),
-    "mu": _Axis(lambda ops, mu: mu, lambda x: x),
-    "theta": _Axis(_angle, lambda x: np.sin(0.5 * np.pi * x)),
-}
-"""Horizontal axes, 0 at grazing and 1 at normal incidence; "theta" is 1 - 2 theta / pi."""
-
-ALPHA_AXES = {
-    "perceptual_roughness": _Axis(_root, lambda y: y * y),
-    "alpha": _Axis(lambda ops, alpha: alpha, lambda y: y),
-}
-"""Vertical axes, from smooth to rough; perceptual roughness is sqrt(alpha)."""
-
-ADDRESSING = ("centres", "edges")
-"""Where 0 and 1 lie: on the centres of the outer texels, or on the edges of the texture."""
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Which view angle and roughness a texel stands for.
-
-    Attributes
-    ----------
-    width, height : int >= 2
-        Texels along mu and along alpha.
-    mu_axis : one of `MU_AXES`
-    alpha_axis : one of `ALPHA_AXES`
-    addressing : {"centres", "edges"}
-        With "centres" texel i of n stands for i / (n - 1), with "edges" for (i + 1/2) / n.
-    """
-
-    width: int = 64
-    height: int = 64
-    mu_axis: str = "sqrt_mu"
-    alpha_axis: str = "perceptual_roughness"
-    addressing: Literal["centres", "edges"] = "centres"
-
-    def __post_init__(self) -> None:
-        choose("mu_axis", self.mu_axis, MU_AXES)
-        choose("alpha_axis", self.alpha_axis, ALPHA_AXES)
-        choose("addressing", self.addressing, ADDRESSING)
-        for size in (self.width, self.height):
-            if not isinstance(size, int) or not 2 <= size <= 4096:
-                raise input_error(
-                    f"a table of {self.width} x {self.height} texels",
-                    "whole numbers from 2 to 4096",
-                    "64 x 64 is enough; see docs/preintegration.md.",
-                )
-
-    @property
-    def mu(self) -> np.ndarray:
-        """(width,) cosines of the columns."""
-        return MU_AXES[self.mu_axis].inverse(self._centres(self.width))
-
-    @property
-    def alpha(self) -> np.ndarray:
-        """(height,) roughnesses of the rows."""
-        return ALPHA_AXES[self.alpha_axis].inverse(self._centres(self.height))
-
-    def _centres(self, size: int) -> np.ndarray:
-        if self.addressing == "centres":
-            return np.linspace(0.0, 1.0, size)
-        return (np.arange(size) + 0.5) / size
-
-    def texel(self, mu: Any, alpha: Any) -> tuple[Any, Any]:
-        """Fractional column and row of mu and alpha: whole numbers at the centres of texels.
-
-        Both are clamped to [0, 1] before, and the result to the centres of the outer texels.
-        """
-        ops = ops_for(mu, alpha)
-        positions = []
-        for value, axis, size in (
-            (mu, MU_AXES[self.mu_axis], self.width),
-            (alpha, ALPHA_AXES[self.alpha_axis], self.height),
-        ):
-            inside = ops.select(value < 0.0, 0.0, ops.select(value > 1.0, 1.0, value))
-            coordinate = axis.forward(ops, inside)
-            if self.addressing == "centres":
-                position = coordinate * float(size - 1)
-            else:
-                position = coordinate * float(size) - 0.5
-            positions.append(ops.minimum(ops.maximum(position, 0.0), float(size - 1)))
-        return positions[0], positions[1]
-
-    def texture_coordinates(self, mu: Any, alpha: Any) -> tuple[Any, Any]:
-        """(u, v) in [0, 1] for a bilinear texture lookup with clamped addressing."""
-        column, row = self.texel(mu, alpha)
-        return (column + 0.5) / float(self.width), (row + 0.5) / float(self.height)
+CHECK_QUADRATURE = Quadrature(32, 32)
+"""1,024 nodes, good to 1e-6: what a table's error is measured against."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,21 +42,21 @@ class AlbedoTable:
     Attributes
     ----------
     values : (height, width, terms) float32
-        Row 0 is the smoothest, column 0 grazing incidence.
+        Row 0 is the smoothest, column 0 is at grazing incidence.
     layout : Layout
     smith, distribution : str
         What was integrated.
     metadata : mapping
-        Recipe and hash of the basis, quadrature, measured error, versions; kept by every file
-        format that can.
+        Recipe and hash of the basis, quadrature, measured error, versions: JSON values, kept in
+        files.
 
     Examples
     --------
     >>> from fresnel_decomp import AlbedoTable, load_basis
     >>> basis = load_basis()
     >>> table = AlbedoTable.bake(basis, size=16)
-    >>> gold = basis.coefficients(0.18, 3.4)
-    >>> bool(abs(table.evaluate(gold, 1.0, 0.0) - gold[0]) < 1e-6)  # smooth, at normal incidence
+    >>> silver = basis.coefficients(0.13, 3.9)
+    >>> bool(abs(table.evaluate(silver, 1.0, 0.0) - silver[0]) < 1e-6)  # F0: smooth, seen head-on
     True
     """
 
@@ -165,10 +68,11 @@ class AlbedoTable:
 
     def __post_init__(self) -> None:
         values = np.array(self.values, np.float32)
-        if values.ndim != 3 or values.shape[:2] != (self.layout.height, self.layout.width):
+        height, width = self.layout.height, self.layout.width
+        if values.ndim != 3 or values.shape[:2] != (height, width) or values.shape[2] < 1:
             raise input_error(
                 f"values of shape {values.shape}",
-                f"({self.layout.height}, {self.layout.width}, terms): rows, columns, terms",
+                f"({height}, {width}, terms): rows, columns, terms",
                 "The first axis is the roughness.",
             )
         choose("smith", self.smith, SMITH)
@@ -182,6 +86,11 @@ class AlbedoTable:
         """Number of basis functions."""
         return int(self.values.shape[2])
 
+    @property
+    def sha256(self) -> str:
+        """Hash of the values, as little-endian float32 in the order of the array."""
+        return hashlib.sha256(self.values.astype("<f4").tobytes()).hexdigest()
+
     @classmethod
     def bake(
         cls,
@@ -193,7 +102,9 @@ class AlbedoTable:
         mu_axis: str = "sqrt_mu",
         alpha_axis: str = "perceptual_roughness",
         addressing: Literal["centres", "edges"] = "centres",
+        quadrature: tuple[int, int] = BAKE_QUADRATURE,
         float_type: Any = None,
+        measure: bool = False,
     ) -> AlbedoTable:
         """Integrate a basis for every texel.
 
@@ -205,34 +116,55 @@ class AlbedoTable:
         distribution : {"ggx", "beckmann"}
         mu_axis, alpha_axis, addressing
             See `Layout`.
+        quadrature : pair of int
+            Nodes in azimuth and slope, see `albedo.Quadrature`.
         float_type : type, optional
-            A Dr.Jit array type such as `mi.Float`, to compute with Dr.Jit; NumPy if none is given.
+            A Dr.Jit array type such as `mi.Float`, to compute with Dr.Jit; NumPy if none is given,
+            or `float`, which `mi.Float` is in scalar variants.
+        measure : bool
+            Also measure the largest error, see `error`, and note it in the metadata. Takes four
+            times as long again.
 
         Raises
         ------
         InputError
             For unknown options or sizes.
         """
-        width, height = (size, size) if isinstance(size, int) else size
+        width, height = _width_and_height(size)
         layout = Layout(width, height, mu_axis, alpha_axis, addressing)
-        alpha, mu = np.meshgrid(layout.alpha, layout.mu, indexing="ij")
-        curves = _Curves.of(basis)
-        options: dict[str, Any] = {
-            "smith": smith,
-            "distribution": distribution,
-            "quadrature": (16, 20),
+        options: dict[str, Any] = {"smith": smith, "distribution": distribution}
+        values = _integrate(basis, layout, {**options, "quadrature": quadrature}, float_type)
+        metadata = {
+            "basis": _described(basis),
+            "quadrature": f"Gauss-Legendre, {quadrature[0]} azimuths x {quadrature[1]} slopes, "
+            "horizon in closed form",
+            "measured_error": None,
+            "software": f"fresnel_decomp {__version__}",
         }
-        if float_type is None:
-            values = directional_albedo(curves, mu, alpha, **options)
-        else:
-            on_device = (float_type(v.ravel().astype(np.float32)) for v in (mu, alpha))
-            functions = directional_albedo(curves.on(float_type), *on_device, **options)
-            values = np.stack([np.array(v) for v in functions], -1).reshape(*mu.shape, -1)
-        metadata = {"basis": _described(basis), "versions": {"fresnel_decomp": __version__}}
-        return cls(values, layout, smith, distribution, metadata)
+        table = cls(values, layout, smith, distribution, metadata)
+        if not measure:
+            return table
+        noted = {
+            "max": table.error(basis),
+            "against": f"{CHECK_QUADRATURE.azimuth} x {CHECK_QUADRATURE.slope} nodes in float64, "
+            "every texel",
+        }
+        return replace(table, metadata={**metadata, "measured_error": noted})
+
+    def error(self, basis: Any) -> float:
+        """Largest distance of any texel from a much finer quadrature, in float64.
+
+        Parameters
+        ----------
+        basis
+            That the table was baked from.
+        """
+        options = {"smith": self.smith, "distribution": self.distribution}
+        finer = _integrate(basis, self.layout, {**options, "quadrature": CHECK_QUADRATURE}, None)
+        return float(np.abs(self.values - finer).max())
 
     def lookup(self, mu: Any, alpha: Any) -> Any:
-        """Bilinear interpolation of the table.
+        """Bilinear interpolation of the table, as a texture unit does it.
 
         Parameters
         ----------
@@ -242,8 +174,8 @@ class AlbedoTable:
         Returns
         -------
         (..., terms) float for NumPy arrays and Python floats, of their precision; for Dr.Jit a
-        tuple of `terms` arrays, differentiable in mu and alpha (finite everywhere, and constant
-        beyond [0, 1]).
+        tuple of arrays, one per term, differentiable in mu and alpha: finite everywhere, and
+        0 beyond [0, 1].
         """
         mu, alpha = one_kind(mu, alpha)
         if is_drjit(mu, alpha):
@@ -257,28 +189,30 @@ class AlbedoTable:
         )
         x, y = (column - i)[..., None], (row - j)[..., None]
         below, above = (
-            self.values[rows, i] * (1 - x) + self.values[rows, i + 1] * x for rows in (j, j + 1)
+            self.values[rows, i] * (1.0 - x) + self.values[rows, i + 1] * x for rows in (j, j + 1)
         )
-        return (below * (1 - y) + above * y).astype(dtype)
+        return (below * (1.0 - y) + above * y).astype(dtype)
 
     def evaluate(self, coefficients: Any, mu: Any, alpha: Any) -> Any:
         """Directional albedo sum_i c_i bbar_i of a material, unclamped.
 
         Parameters
         ----------
-        coefficients : (..., terms) float, or for Dr.Jit a sequence of `terms` arrays
+        coefficients : (..., terms) float, or for Dr.Jit a sequence of as many arrays
         mu, alpha : (...) float
             As for `lookup`; they broadcast against the coefficients' leading axes.
         """
+        coefficients = check_terms(coefficients, mu, self.terms)
         functions = self.lookup(mu, alpha)
-        if is_drjit(mu, alpha):
-            coefficients = one_kind(mu + alpha, *coefficients)[1:]
-            return sum(
-                (c * b for c, b in zip(coefficients[1:], functions[1:], strict=True)),
-                coefficients[0] * functions[0],
-            )
-        coefficients = check_terms(coefficients, functions[..., 0], self.terms)
-        return (np.asarray(coefficients) * functions).sum(axis=-1)
+        if not is_drjit(mu, alpha, *coefficients):
+            return (np.asarray(coefficients) * functions).sum(axis=-1)
+        if not is_drjit(mu, alpha):
+            functions = [float(value) for value in functions]
+        coefficients = one_kind(*coefficients, mu)[: self.terms]
+        return sum(
+            (c * b for c, b in zip(coefficients[1:], functions[1:], strict=True)),
+            coefficients[0] * functions[0],
+        )
 
     def _lookup_drjit(self, mu: Any, alpha: Any) -> Any:
         dr = drjit_module()
@@ -290,78 +224,101 @@ class AlbedoTable:
         i = dr.minimum(index(dr.detach(column)), width - 2)
         j = dr.minimum(index(dr.detach(row)), self.layout.height - 2)
         x, y = column - kind(i), row - kind(j)
+        cache = self.__dict__.setdefault("_packets", {})
+        if kind not in cache:
+            cache[kind] = packets(kind, self.values.reshape(-1, self.terms))
         texel = i + j * width
+        corners = zip(
+            *(cache[kind].gather(texel + offset) for offset in (0, 1, width, width + 1)),
+            strict=True,
+        )
         values = []
-        for plane in self._planes(kind):
-            corners = [
-                dr.gather(kind, plane, texel + offset) for offset in (0, 1, width, width + 1)
-            ]
-            below = dr.fma(corners[1] - corners[0], x, corners[0])
-            above = dr.fma(corners[3] - corners[2], x, corners[2])
+        for low, right, up, diagonal in corners:
+            below, above = dr.fma(right - low, x, low), dr.fma(diagonal - up, x, up)
             values.append(dr.fma(above - below, y, below))
         return tuple(values)
 
-    def _planes(self, kind: Any) -> list[Any]:
-        """One array per term in memory of Dr.Jit, made once for each type."""
-        cache = self.__dict__.setdefault("_plane_cache", {})
-        if kind not in cache:
-            cache[kind] = [_constant(kind, plane) for plane in np.moveaxis(self.values, 2, 0)]
-        return cache[kind]
+    def textures(self) -> list[np.ndarray]:
+        """The table as RGBA textures: one for up to four terms, two for more.
 
+        Returns
+        -------
+        list of (height, width, 4) float32
+            Missing channels are 0. Row 0 is the smoothest.
+        """
+        padding = -self.terms % 4
+        padded = np.pad(self.values, ((0, 0), (0, 0), (0, padding)))
+        return [np.ascontiguousarray(half) for half in np.split(padded, padded.shape[2] // 4, 2)]
 
-def _constant(kind: Any, values: np.ndarray) -> Any:
-    """Values in memory of Dr.Jit: NumPy's, mapped, would recompile by accidental alignment."""
-    dr = drjit_module()
-    assert dr is not None
-    flat = np.ascontiguousarray(values).ravel()
-    if not dr.is_jit_v(kind):
-        return kind(flat.tolist())
-    copy = kind(flat) + dr.opaque(kind, 0.0)
-    dr.eval(copy)
-    return copy
+    def save(self, path: str | os.PathLike[str], *, half: bool | None = None) -> None:
+        """Write a file, whole or not at all; its suffix says the format.
 
+        Parameters
+        ----------
+        path : path
+            `.exr`: channels R, G, B, A of named terms, metadata in the header. `.npz`: NumPy
+            arrays and metadata. `.half`: half floats of RGBA textures and nothing else, with the
+            metadata beside them in `.half.json`. See `table_files`.
+        half : bool, optional
+            Store half floats (`.exr` and `.npz`; default True for `.exr`).
 
-@dataclass(frozen=True, eq=False)
-class _Curves:
-    """A basis, finely tabulated over sqrt(cos_theta) for speed: linear interpolation of 8,192
-    intervals errs by 1e-7."""
+        Raises
+        ------
+        InputError
+            For another suffix, and if half floats cannot hold the values.
+        """
+        from .table_files import save
 
-    samples: np.ndarray  # (n + 1, terms)
-    tables: tuple[Any, ...] = ()
+        save(self, path, half=half)
 
     @classmethod
-    def of(cls, basis: Any) -> _Curves:
-        root = np.linspace(0.0, 1.0, 8193)
-        samples = np.asarray(basis(root * root), np.float64)
-        if samples.ndim != 2 or samples.shape[0] != root.size:
-            raise input_error(
-                f"a basis with values of shape {samples.shape[1:]} per cosine",
-                "a callable from (m,) cosines to (m, terms) values",
-                "Stack the functions: np.stack([...], axis=-1).",
-            )
-        return cls(samples)
+    def load(cls, path: str | os.PathLike[str]) -> AlbedoTable:
+        """Read what `save` wrote.
 
-    def on(self, kind: Any) -> _Curves:
-        return _Curves(self.samples, tuple(_constant(kind, column) for column in self.samples.T))
+        Raises
+        ------
+        InputError
+            For missing, truncated or changed files, for another layout than the metadata say, and
+            for files of something else.
+        """
+        from .table_files import load
 
-    def __call__(self, cos_theta: Any) -> Any:
-        last = len(self.samples) - 1
-        if not self.tables:
-            position = np.sqrt(cos_theta) * last
-            index = np.minimum(position.astype(np.intp), last - 1)
-            fraction = (position - index)[..., None]
-            low = self.samples[index]
-            return low + fraction * (self.samples[index + 1] - low)
-        dr = drjit_module()
-        assert dr is not None
-        position = dr.sqrt(cos_theta) * float(last)
-        index = dr.minimum(dr.uint32_array_t(type(cos_theta))(position), last - 1)
-        fraction = position - type(cos_theta)(index)
-        pairs = (
-            (dr.gather(type(position), t, index), dr.gather(type(position), t, index + 1))
-            for t in self.tables
+        return load(path)
+
+
+def _integrate(
+    basis: Any, layout: Layout, options: Mapping[str, Any], float_type: Any
+) -> np.ndarray:
+    """(height, width, terms) albedos at the texels."""
+    alpha, mu = np.meshgrid(layout.alpha, layout.mu, indexing="ij")
+    curves = FastCurves.of(basis)
+    if float_type in (None, float):
+        # rows at a time, which fit the caches
+        rows = max(1, 512 // layout.width)
+        parts = [
+            directional_albedo(curves, mu[j : j + rows], alpha[j : j + rows], **options)
+            for j in range(0, layout.height, rows)
+        ]
+        return np.concatenate(parts)
+    dr = drjit_module()
+    if dr is None or not (dr.is_array_v(float_type) and dr.is_float_v(float_type)):
+        raise input_error(
+            f"float_type={float_type!r}",
+            "a floating-point array type of Dr.Jit",
+            "Take mi.Float of a variant such as llvm_ad_rgb, or none for NumPy.",
         )
-        return tuple(dr.fma(high - low, fraction, low) for low, high in pairs)
+    arguments = (drjit_constant(float_type, values) for values in (mu, alpha))
+    functions = directional_albedo(curves.on(float_type), *arguments, **options)
+    dr.eval(functions)  # at once: converted one by one, they would be computed one by one
+    return np.stack([np.array(v) for v in functions], axis=-1).reshape(*mu.shape, -1)
+
+
+def _width_and_height(size: Any) -> tuple[int, int]:
+    if isinstance(size, int):
+        return size, size
+    if not isinstance(size, tuple | list) or len(size) != 2:
+        raise input_error(f"size={size!r}", "an int, or (width, height)", "64 is enough.")
+    return size[0], size[1]
 
 
 def _described(basis: Any) -> dict[str, Any]:
@@ -369,7 +326,7 @@ def _described(basis: Any) -> dict[str, Any]:
         return {
             "recipe": basis.recipe,
             "terms": basis.terms,
-            "sha256": basis.provenance.get("sha256", ""),
             "nodes": basis.nodes.tolist(),
+            "sha256": basis.provenance.get("sha256"),
         }
-    return {"recipe": "custom"}
+    return {"recipe": "custom", "type": type(basis).__name__}

@@ -28,6 +28,9 @@ _log = logging.getLogger(__name__)
 
 _OWN_SLOTS = ("__dict__", "__weakref__")
 
+_LEAST_COSINE = 1e-12
+"""The squared tangent of a lower direction, and its derivatives, would leave float32."""
+
 
 class DecomposedConductor:
     """Rough conductor with the exact Fresnel term, the decomposition, Schlick or F82.
@@ -70,6 +73,10 @@ class DecomposedConductor:
     *they* are interpolated; `mi.traverse` shows them as `table_0`, ..., to be read only. The exact
     term interpolates eta and k themselves. In polarised variants the fitted terms depolarise, since
     they describe unpolarised reflectance only.
+
+    Values are finite for all directions and random numbers, and so are derivatives, except those of
+    a *sampled direction* with respect to roughness where a random number is exactly 0 or next to 1:
+    there Mitsuba's samplers have none. (`prb` does not differentiate samples.)
 
     Examples
     --------
@@ -204,16 +211,18 @@ class DecomposedConductor:
         alpha_u, alpha_v = self.alpha_u.eval_1(si, active), self.alpha_v.eval_1(si, active)
         return mi.MicrofacetDistribution(self.distribution, alpha_u, alpha_v, self.sample_visible)
 
-    def _reflect(self, ctx: Any, si: Any, wo: Any, m: Any, weight: Any, active: Any) -> Any:
+    def _reflect(
+        self, ctx: Any, si: Any, wi: Any, wo: Any, m: Any, weight: Any, active: Any
+    ) -> Any:
         """Fresnel term at microfacet normal `m`, times the unpolarised `weight`."""
         values = self.lookup.evaluate(si, active)
         weight = mi.UnpolarizedSpectrum(weight)
         if self.specular_reflectance is not None:
             weight = weight * self.specular_reflectance.eval(si, active)
         if mi.is_polarized and self.fresnel == "exact":
-            result = _mueller(ctx, si.wi, wo, m, weight, *values)
+            result = _mueller(ctx, wi, wo, m, weight, *values)
         else:
-            result = self.term(dr.dot(si.wi, m), *values) * weight
+            result = self.term(dr.dot(wi, m), *values) * weight
             if mi.is_polarized:
                 result = mi.mueller.depolarizer(result)
         return dr.select(active, result, dr.zeros(mi.Spectrum))
@@ -222,68 +231,72 @@ class DecomposedConductor:
         self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True
     ) -> tuple[Any, Any]:
         bs = dr.zeros(mi.BSDFSample3f)
-        cos_i = mi.Frame3f.cos_theta(si.wi)
-        active &= cos_i > 0.0
+        active &= mi.Frame3f.cos_theta(si.wi) > 0.0
         if not ctx.is_enabled(mi.BSDFFlags.GlossyReflection) or active is False:
             return bs, dr.zeros(mi.Spectrum)
+        wi = _raised(si.wi)
+        cos_i = mi.Frame3f.cos_theta(wi)
         distr = self._microfacets(si, active)
-        m, pdf = distr.sample(si.wi, sample2)
-        bs.wo = mi.reflect(si.wi, m)
+        m, pdf = distr.sample(wi, sample2)
+        wo = mi.reflect(wi, m)
         bs.eta = 1.0
         bs.sampled_component = 0
         bs.sampled_type = +mi.BSDFFlags.GlossyReflection
-        active &= (pdf != 0.0) & (mi.Frame3f.cos_theta(bs.wo) > 0.0)
+        # also not where m is NaN, as it can be for random numbers that are exactly 0
+        active &= (pdf != 0.0) & (mi.Frame3f.cos_theta(wo) > 0.0)
+        bs.wo = dr.select(active, wo, mi.Vector3f(0.0))
         if self.sample_visible:
-            weight = distr.smith_g1(bs.wo, m)
+            weight = distr.smith_g1(wo, m)
         else:
-            weight = distr.G(si.wi, bs.wo, m) * dr.dot(si.wi, m)
+            weight = distr.G(wi, wo, m) * dr.dot(wi, m)
             weight /= cos_i * mi.Frame3f.cos_theta(m)
-        bs.pdf = dr.select(active, pdf / (4.0 * dr.dot(bs.wo, m)), 0.0)
-        return bs, self._reflect(ctx, si, bs.wo, m, weight, active)
+        bs.pdf = dr.select(active, pdf / (4.0 * dr.dot(wo, m)), 0.0)
+        return bs, self._reflect(ctx, si, wi, wo, m, weight, active)
 
-    def _both_sides(self, ctx: Any, si: Any, wo: Any, active: Any) -> tuple[Any, Any, Any]:
-        """Cosine to the viewer, half vector, and where the two agree on the side of the surface."""
-        cos_i, cos_o = mi.Frame3f.cos_theta(si.wi), mi.Frame3f.cos_theta(wo)
-        active &= (cos_i > 0.0) & (cos_o > 0.0) & ctx.is_enabled(mi.BSDFFlags.GlossyReflection)
-        return cos_i, dr.normalize(wo + si.wi), active
+    def _both_sides(self, ctx: Any, si: Any, wo: Any, active: Any) -> tuple[Any, Any, Any, Any]:
+        """Both directions, half vector, and where they agree on the side of the surface."""
+        active &= (mi.Frame3f.cos_theta(si.wi) > 0.0) & (mi.Frame3f.cos_theta(wo) > 0.0)
+        active &= ctx.is_enabled(mi.BSDFFlags.GlossyReflection)
+        wi, wo = _raised(si.wi), _raised(wo)
+        return wi, wo, dr.normalize(wo + wi), active
 
     def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
-        cos_i, m, active = self._both_sides(ctx, si, wo, active)
+        wi, wo, m, active = self._both_sides(ctx, si, wo, active)
         if active is False:
             return dr.zeros(mi.Spectrum)
         distr = self._microfacets(si, active)
         d = distr.eval(m)
         active &= d != 0.0
-        weight = d * distr.G(si.wi, wo, m) / (4.0 * cos_i)
-        return self._reflect(ctx, si, wo, m, weight, active)
+        weight = d * distr.G(wi, wo, m) / (4.0 * mi.Frame3f.cos_theta(wi))
+        return self._reflect(ctx, si, wi, wo, m, weight, active)
 
     def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
-        cos_i, m, active = self._both_sides(ctx, si, wo, active)
-        active &= (dr.dot(si.wi, m) > 0.0) & (dr.dot(wo, m) > 0.0)
+        wi, wo, m, active = self._both_sides(ctx, si, wo, active)
+        active &= (dr.dot(wi, m) > 0.0) & (dr.dot(wo, m) > 0.0)
         if active is False:
             return mi.Float(0.0)
         distr = self._microfacets(si, active)
         if self.sample_visible:
-            density = distr.eval(m) * distr.smith_g1(si.wi, m) / (4.0 * cos_i)
+            density = distr.eval(m) * distr.smith_g1(wi, m) / (4.0 * mi.Frame3f.cos_theta(wi))
         else:
-            density = distr.pdf(si.wi, m) / (4.0 * dr.dot(wo, m))
+            density = distr.pdf(wi, m) / (4.0 * dr.dot(wo, m))
         return dr.select(active, density, 0.0)
 
     def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> tuple[Any, Any]:
-        cos_i, m, active = self._both_sides(ctx, si, wo, active)
-        active &= (dr.dot(si.wi, m) > 0.0) & (dr.dot(wo, m) > 0.0)
+        wi, wo, m, active = self._both_sides(ctx, si, wo, active)
+        active &= (dr.dot(wi, m) > 0.0) & (dr.dot(wo, m) > 0.0)
         if active is False:
             return dr.zeros(mi.Spectrum), mi.Float(0.0)
-        distr = self._microfacets(si, active)
+        distr, cos_i = self._microfacets(si, active), mi.Frame3f.cos_theta(wi)
         d = distr.eval(m)
         active &= d != 0.0
-        g1_i = distr.smith_g1(si.wi, m)
+        g1_i = distr.smith_g1(wi, m)
         weight = d * (g1_i * distr.smith_g1(wo, m)) / (4.0 * cos_i)
         if self.sample_visible:
             density = d * g1_i / (4.0 * cos_i)
         else:
-            density = distr.pdf(si.wi, m) / (4.0 * dr.dot(wo, m))
-        value = self._reflect(ctx, si, wo, m, weight, active)
+            density = distr.pdf(wi, m) / (4.0 * dr.dot(wo, m))
+        value = self._reflect(ctx, si, wi, wo, m, weight, active)
         return value, dr.select(active, density, 0.0)
 
     def to_string(self) -> str:
@@ -321,6 +334,14 @@ def _preset(name: str) -> dict[str, Any]:
             indices = {"eta": {"type": "spectrum", "filename": eta}, "k": 0.0}
     found = children(mi.load_dict({"type": "roughconductor", **indices}))
     return {"eta": found["eta"], "k": found["k"]}
+
+
+def _raised(direction: Any) -> Any:
+    """The direction, or one just above the horizon instead of one on or below it.
+
+    What is computed from it is finite, with finite derivatives, also where it is discarded.
+    """
+    return mi.Vector3f(direction.x, direction.y, dr.maximum(direction.z, _LEAST_COSINE))
 
 
 def _uniform(value: float) -> Any:
