@@ -43,8 +43,8 @@ EDGE_TINT = {"r": (0.44, 0.44, 0.44), "g": (0.0, 1.0, 0.0)}
 """Gulbrandsen's parameters of the talk's Figure 2."""
 EXPOSURES = {"plastic": 3.0}
 """In stops, for pictures, ΔE00 and FLIP: a plastic reflects a twentieth of what metals do."""
-SUNSKY = {"sun_scale": 1.5, "sky_scale": 1.5}
-"""As bright as the city, in the mean."""
+SUNSKY: dict[str, Any] = {"sun_direction": [-0.6, 0.55, 0.35], "sun_scale": 1.5, "sky_scale": 1.5}
+"""In front of the object, over the camera's shoulder; about as bright as the city."""
 SPLIT_SPP = 16
 
 _SETTINGS = "splitSumStudy"  # attribute of the EXR files

@@ -260,7 +260,7 @@ def draw_spheres(results: Results, folder: Path, path: Path) -> None:
 def draw_edge_tint(results: Results, folder: Path, path: Path) -> None:
     """The edge-tint material by all models, at all roughnesses."""
     columns = [None, *LABELS]
-    side, gap, left, top, below = 1.25, 0.05, 0.36, 0.44, 0.4
+    side, gap, left, top, below = 1.25, 0.05, 0.36, 0.5, 0.4
     coverage = read_exr(folder / "coverage_sphere.exr")[..., 0]
     with style.styled():
         page = Page(left + len(columns) * (side + gap) + 0.06,
@@ -276,7 +276,7 @@ def draw_edge_tint(results: Results, folder: Path, path: Path) -> None:
                     image, title = reference_image(folder, scene), "path traced"
                 else:
                     image = read_image(folder, scene, f"split_{model}")
-                    title = f"split-sum, {LABELS[model]}"
+                    title = f"split-sum,\n{LABELS[model]}"
                     found = results["scenes"][scene.stem]
                     lines = [f"to path traced: {found['split_sum'][model]['delta_e']:.2f}"]
                     if model != "exact":
@@ -286,7 +286,7 @@ def draw_edge_tint(results: Results, folder: Path, path: Path) -> None:
                 for i, line in enumerate(lines):
                     page.write(x + side / 2, y + side + 0.1 + 0.14 * i, line, size=7.5)
                 if row == 0:
-                    page.write(x + side / 2, top - 0.1, title, size=8.5)
+                    page.write(x + side / 2, top - 0.06, title, size=8.5, va="bottom")
         page.write(left + side / 2, top + side + 0.1, "mean ΔE$_{00}$ of split-sum:", size=7.5)
         page.save(path, dpi=120)
 
