@@ -8,11 +8,13 @@ import pytest
 
 from fresnel_decomp._check import InputError
 from fresnel_decomp.colour import (
+    ADAPTATIONS,
     ILLUMINANTS,
     OBSERVERS,
     RGB_SPACES,
     WAVELENGTH_NM,
     delta_e_2000,
+    gamut_excess,
     linear_to_srgb,
     rgb_weights,
     srgb_hex,
@@ -145,3 +147,57 @@ fresnel_decomp.colour.rgb_weights()
 assert np.get_printoptions() == before
 """
     subprocess.run([sys.executable, "-W", "error", "-c", program], check=True)
+
+
+# --- adaptation and gamut ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("colourspace", RGB_SPACES)
+@pytest.mark.parametrize("adaptation", ADAPTATIONS)
+@pytest.mark.parametrize("illuminant", ILLUMINANTS)
+def test_every_adaptation_keeps_white(illuminant, adaptation, colourspace):
+    weights = rgb_weights(illuminant, colourspace=colourspace, adaptation=adaptation)
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0, rtol=0.0, atol=2e-15)
+
+
+@pytest.mark.parametrize("adaptation", ["bradford", "cat02", "cat16"])
+@pytest.mark.parametrize("illuminant", ILLUMINANTS)
+def test_adaptation_is_that_of_colour_science(illuminant, adaptation):
+    colour = colour_science()
+    cmfs = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
+    light = colour.SDS_ILLUMINANTS[illuminant].copy().align(cmfs.shape)
+    space = colour.RGB_COLOURSPACES["sRGB"].copy()
+    space.use_derived_transformation_matrices(True)
+
+    def xyz(reflectance):
+        spectrum = colour.SpectralDistribution(reflectance, WAVELENGTH_NM)
+        return colour.sd_to_XYZ(spectrum, cmfs, light, method="Integration") / 100.0
+
+    to = colour.xy_to_XYZ(space.whitepoint)
+    adapted = colour.chromatic_adaptation(
+        xyz(RAMP),
+        xyz(np.ones_like(RAMP)),
+        to,
+        method="Von Kries",
+        transform=ADAPTATIONS[adaptation],
+    )
+    expected = space.matrix_XYZ_to_RGB @ adapted
+    got = rgb_weights(illuminant, adaptation=adaptation) @ RAMP
+    np.testing.assert_allclose(got, expected, atol=2e-6)  # its matrices are rounded
+
+
+def test_adaptations_differ_only_where_whites_do():
+    metal = 0.3 + 0.6 / (1.0 + np.exp((530.0 - WAVELENGTH_NM) / 15.0))  # a golden step
+    day, evening = (
+        {a: rgb_weights(i, adaptation=a) @ metal for a in ADAPTATIONS} for i in ("D65", "A")
+    )
+    for adaptation in ("bradford", "cat02", "cat16"):
+        np.testing.assert_allclose(day[adaptation], day["rgb"], atol=1e-4)
+        assert np.abs(evening[adaptation] - evening["rgb"]).max() > 1e-2
+
+
+def test_gamut_excess():
+    np.testing.assert_allclose(gamut_excess([[1.25, 0.5, -0.5], [0.0, 1.0, 0.2]]),
+                               [[0.25, 0.0, -0.5], [0.0, 0.0, 0.0]])  # fmt: skip
+    with pytest.raises(InputError, match="Did you mean 'bradford'"):
+        rgb_weights(adaptation="bradfort")

@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from fresnel_decomp import InputError, load_basis, models
+from fresnel_decomp import RECIPES, InputError, load_basis, load_material, models
 from fresnel_decomp.mitsuba import register, tabulation
 
 only = pytest.mark.parametrize
@@ -732,3 +732,71 @@ def test_registering_needs_a_variant(variant: str, monkeypatch: pytest.MonkeyPat
 def test_later_variants_know_the_plugin_too(variant: str) -> None:
     mi.set_variant("scalar_spectral")
     assert "IrregularSpectrum" in str(conductor(material="Au"))
+
+
+# --- measured spectra, integrated ----------------------------------------------------------------
+
+
+@only("recipe", RECIPES)
+def test_integrated_spectra_are_the_materials_coefficients(recipe: str, variant: str) -> None:
+    for name in ("Au", "beryllium"):
+        c = load_material(name).rgb_coefficients(load_basis(recipe), "A")
+        plugin = conductor(material=name, illuminant="A", recipe=recipe)
+        parameters = mi.traverse(plugin)
+        for i in range(4):
+            np.testing.assert_allclose(
+                np.array(parameters[f"c{i}.value"]).ravel(), c[:, i], rtol=2e-7, atol=1e-8
+            )
+        expected = load_basis(recipe).evaluate(c, COSINES[:, None])
+        np.testing.assert_allclose(reflectance(plugin, COSINES), expected, atol=2e-4)
+    gold = mi.traverse(conductor(material="Au", illuminant="D65"))
+    assert np.array(gold["c0.value"]).ravel()[0] > 1.02  # out of gamut, and kept
+
+
+@only("fresnel", ["schlick", "f82"])
+def test_integrated_spectra_by_other_terms(fresnel: str, variant: str) -> None:
+    gold = load_material("Au")
+    f0, f82 = gold.rgb_reflectance(1.0), gold.rgb_reflectance(1.0 / 7.0)
+    model = models.Schlick(f0) if fresnel == "schlick" else models.F82(f0, f82)
+    got = reflectance(conductor(material="Au", illuminant="D65", fresnel=fresnel), COSINES)
+    np.testing.assert_allclose(got, model(COSINES[:, None]), atol=5e-6)
+
+
+@only("variant", ["llvm_ad_mono"], indirect=True)
+def test_integrated_spectra_without_colour(variant: str) -> None:
+    from fresnel_decomp.colour import WAVELENGTH_NM, luminance_weights
+
+    spectrum = load_basis().coefficients(*load_material("Cu").at(WAVELENGTH_NM))
+    expected = load_basis().evaluate(luminance_weights("A") @ spectrum, COSINES)
+    got = reflectance(conductor(material="Cu", illuminant="A"), COSINES)[:, 0]
+    np.testing.assert_allclose(got, expected, atol=2e-4)
+
+
+@BOTH_SPECTRAL
+@only("fresnel", FRESNEL)
+def test_spectral_variants_keep_the_spectra(fresnel: str, variant: str, tmp_path: Any) -> None:
+    """Of files too, and beyond the ends of the data, where Mitsuba's own spectra are 0."""
+    path = tmp_path / "mine.csv"
+    path.write_text("390,1.5,2.0\n600,0.5,3.0\n720,1.0,4.0\n", encoding="utf-8")
+    wavelengths = (370.0, 420.5, 610.0, 800.0)
+    plugin = conductor(material=str(path), illuminant="D65", fresnel=fresnel)
+    eta, k = load_material(path).at(np.array(wavelengths))
+    expected = models.model_from_ior(fresnel, eta, k)(COSINES[:, None])
+    got = reflectance(plugin, COSINES, wavelengths=wavelengths)
+    # tables are linear between whole nanometres, the closed form is within 1e-4 of its basis
+    np.testing.assert_allclose(got, expected, atol=3e-4)
+
+
+@only(
+    ("parameters", "message"),
+    [
+        ({"material": "Au", "illuminant": "D66"}, "Did you mean 'D65'"),
+        ({"material": "Au", "illuminant": "D65", "fresnel": "exact"}, "spectral variant"),
+        ({"eta": 1.0, "k": 2.0, "illuminant": "D65"}, "illuminant with eta, k"),
+        ({"material": "Se", "illuminant": "D65"}, "partial"),
+        ({"material": "none", "illuminant": "D65"}, "unknown"),
+    ],
+)
+def test_integrated_spectra_refused(parameters: Any, message: str, variant: str) -> None:
+    with pytest.raises((InputError, RuntimeError), match=message):
+        conductor(**parameters)

@@ -15,7 +15,8 @@ import pytest
 SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
 MODULES = (
     "_figure", "_page", "_renders", "fig01a_basis", "fig01b_beryllium", "fig01c_roughness",
-    "fig02_edge_tint", "fig03_shader_balls", "_split_sum", "split_sum_study", "reproduce",
+    "fig02_edge_tint", "fig03_shader_balls", "fig04_linear_tint", "_split_sum",
+    "split_sum_study", "reproduce",
     "table_study",
 )  # fmt: skip
 RENDERED = ("fig01b_beryllium", "fig01c_roughness", "fig02_edge_tint", "fig03_shader_balls")
@@ -209,6 +210,16 @@ def test_rendered_figures(
     for numbers in sidecar(tmp_path, name)["results"]["renders"].values():
         assert numbers["decomposition"]["rmse"] < 0.2 * numbers["schlick"]["rmse"]
         assert numbers["decomposition"]["delta_e"] < 0.5
+
+
+@pytest.mark.slow
+def test_linear_tint_is_even(variant: str, reproduce: Any, tmp_path: Path) -> None:
+    name = "fig04_linear_tint"
+    assert reproduce("--quick", "--only", name, "--variant", variant, "--out", tmp_path) == 0
+    assert (tmp_path / f"{name}.png").is_file()
+    ratios = sidecar(tmp_path, name)["results"]["largest_to_smallest"]
+    assert ratios["beta"] < 1.5
+    assert ratios["g"] > 8.0
 
 
 @pytest.mark.slow

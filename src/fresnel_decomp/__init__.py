@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from .basis import Basis, FitError, extract_basis, load_basis
     from .basis_table import BasisTable
     from .closed_form import ClosedForm
-    from .colour import delta_e_2000, linear_to_srgb, rgb_weights
+    from .colour import delta_e_2000, gamut_excess, linear_to_srgb, rgb_weights
+    from .converters import Converted, Loss, convert
     from .curves import CurveSet
     from .extraction import RECIPES
     from .fresnel import (
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
         gulbrandsen_to_ior,
         ior_to_gulbrandsen,
     )
+    from .representations import Curve, LinearTint, MetallicBase, NodeColours
     from .spectra import Material, list_materials, load_material
     from .table import AlbedoTable
 
@@ -45,7 +47,8 @@ _HOMES = {
     "basis": ["Basis", "FitError", "extract_basis", "load_basis"],
     "basis_table": ["BasisTable"],
     "closed_form": ["ClosedForm"],
-    "colour": ["delta_e_2000", "linear_to_srgb", "rgb_weights"],
+    "colour": ["delta_e_2000", "gamut_excess", "linear_to_srgb", "rgb_weights"],
+    "converters": ["Converted", "Loss", "convert"],
     "curves": ["CurveSet"],
     "extraction": ["RECIPES"],
     "fresnel": [
@@ -71,6 +74,7 @@ _HOMES = {
         "gulbrandsen_to_ior",
         "ior_to_gulbrandsen",
     ],
+    "representations": ["Curve", "LinearTint", "MetallicBase", "NodeColours"],
     "spectra": ["Material", "list_materials", "load_material"],
     "table": ["AlbedoTable"],
 }
@@ -84,6 +88,8 @@ __all__ = [
     "Basis",
     "BasisTable",
     "ClosedForm",
+    "Converted",
+    "Curve",
     "CurveSet",
     "Decomposition",
     "Exact",
@@ -91,16 +97,22 @@ __all__ = [
     "Gulbrandsen",
     "InputError",
     "Lazanyi",
+    "LinearTint",
+    "Loss",
     "Material",
+    "MetallicBase",
+    "NodeColours",
     "Schlick",
     "__version__",
     "conductor",
+    "convert",
     "delta_e_2000",
     "dielectric",
     "directional_albedo",
     "extract_basis",
     "f0_from_ior",
     "f82_from_ior",
+    "gamut_excess",
     "gulbrandsen_to_ior",
     "ior_to_gulbrandsen",
     "linear_to_srgb",

@@ -47,7 +47,6 @@ class Ops:
 
     sqrt: Callable[..., Any]
     abs: Callable[..., Any]
-    hypot: Callable[..., Any]
     minimum: Callable[..., Any]
     maximum: Callable[..., Any]
     select: Callable[..., Any]
@@ -75,8 +74,20 @@ class Ops:
         """`value` without its gradient."""
         return value
 
-    def two_product(self, a: Any, b: Any) -> tuple[Any, Any]:
-        """(p, e) with p = fl(a b) and p + e = a b exactly."""
+    def fma(self, a: Any, b: Any, c: Any) -> Any:
+        """a b + c with one rounding, or exactly where that can be represented."""
+        raise NotImplementedError
+
+    def multiply_add(self, a: Any, b: Any, c: Any) -> Any:
+        """a b + c, whichever way is fast."""
+        raise NotImplementedError
+
+    def one_minus_square(self, x: Any) -> Any:
+        """1 - x², accurate for x near 1."""
+        raise NotImplementedError
+
+    def where_negative(self, x: Any, a: Any, b: Any) -> Any:
+        """a where x < 0, b elsewhere; either for a NaN or a negative zero."""
         raise NotImplementedError
 
 
@@ -85,21 +96,35 @@ class NumPyOps(Ops):
 
     def __init__(self, dtype: Any = np.float64) -> None:
         self.dtype = np.dtype(dtype)
-        self.sqrt, self.abs, self.hypot = np.sqrt, np.abs, np.hypot
+        self.sqrt, self.abs = np.sqrt, np.abs
         self.minimum, self.maximum, self.select = np.minimum, np.maximum, np.where
         self.sin, self.cos, self.exp = np.sin, np.cos, np.exp
         self.arccos, self.arctan2 = np.arccos, np.arctan2
         self.erf, self.erfinv = _from_scipy("erf"), _from_scipy("erfinv")
 
-    def two_product(self, a: Any, b: Any) -> tuple[Any, Any]:
-        # NumPy has no fused multiply-add
-        p = a * b
-        if self.dtype == np.float32:
-            wide = np.multiply(a, b, dtype=np.float64)  # 24 + 24 bits fit 53
-            return p, np.asarray(wide - p, np.float32)
+    def fma(self, a: Any, b: Any, c: Any) -> Any:
+        # NumPy has none. Error-free product and sum instead; the result may be off by a unit in the
+        # last place where it is not exact.
+        if self.dtype == np.float32:  # 24 + 24 bits fit 53
+            wide = np.multiply(a, b, dtype=np.float64)
+            return np.asarray(wide + np.asarray(c, np.float64), np.float32)
+        product = a * b
         a_hi, b_hi = _veltkamp(a), _veltkamp(b)
         a_lo, b_lo = a - a_hi, b - b_hi
-        return p, ((a_hi * b_hi - p) + a_hi * b_lo + a_lo * b_hi) + a_lo * b_lo
+        product_error = ((a_hi * b_hi - product) + a_hi * b_lo + a_lo * b_hi) + a_lo * b_lo
+        total = product + c
+        part = total - product
+        total_error = (product - (total - part)) + (c - part)
+        return total + (total_error + product_error)
+
+    def multiply_add(self, a: Any, b: Any, c: Any) -> Any:
+        return a * b + c
+
+    def one_minus_square(self, x: Any) -> Any:
+        return (1.0 - x) * (1.0 + x)
+
+    def where_negative(self, x: Any, a: Any, b: Any) -> Any:
+        return np.where(x < 0.0, a, b)
 
 
 def _from_scipy(name: str) -> Callable[..., Any]:
@@ -127,7 +152,6 @@ class DrJitOps(Ops):
         assert dr is not None
         self.dr = dr
         self.sqrt, self.abs = dr.sqrt, dr.abs
-        self.hypot = self._hypot
         self.minimum, self.maximum, self.select = dr.minimum, dr.maximum, dr.select
         self.sin, self.cos, self.exp = dr.sin, dr.cos, dr.exp
         self.erf, self.erfinv = dr.erf, dr.erfinv
@@ -148,17 +172,20 @@ class DrJitOps(Ops):
     def detach(self, value: Any) -> Any:
         return self.dr.detach(value)
 
-    def _hypot(self, a: Any, b: Any) -> Any:
-        """sqrt(a² + b²) for finite a and b; `dr.hypot` also cares for infinities."""
-        dr = self.dr
-        a, b = dr.abs(a), dr.abs(b)
-        high, low = dr.maximum(a, b), dr.minimum(a, b)
-        ratio = low / dr.select(high > 0.0, high, 1.0)
-        return high * dr.sqrt(dr.fma(ratio, ratio, 1.0))
+    def fma(self, a: Any, b: Any, c: Any) -> Any:
+        return self.dr.fma(a, b, c)
 
-    def two_product(self, a: Any, b: Any) -> tuple[Any, Any]:
-        p = a * b
-        return p, self.dr.fma(a, b, -p)
+    def multiply_add(self, a: Any, b: Any, c: Any) -> Any:
+        return self.dr.fma(a, b, c)
+
+    def one_minus_square(self, x: Any) -> Any:
+        return self.dr.fma(-x, x, 1.0)
+
+    def where_negative(self, x: Any, a: Any, b: Any) -> Any:
+        # the sign bit is the mask: nothing to compare
+        dr = self.dr
+        bits = dr.int64_array_t(x) if dr.type_v(x) == dr.VarType.Float64 else dr.int32_array_t(x)
+        return dr.select(dr.reinterpret_array(bits, x) < 0, a, b)
 
 
 def ops_for(*values: Any) -> Ops:

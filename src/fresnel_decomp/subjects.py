@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,7 @@ class Subject:
         return bool(np.all(self.eta == self.eta[0]) and np.all(self.k == self.k[0]))
 
 
-def from_material(name_or_path: str, **accept: bool) -> Subject:
+def from_material(name_or_path: str, **accept: Any) -> Subject:
     """A measured material by name, alias or file; its indices are white-balanced under D65.
 
     Parameters, errors: as `spectra.load_material`.

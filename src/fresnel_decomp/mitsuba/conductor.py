@@ -8,15 +8,21 @@ sampling of visible normals (Heitz and d'Eon 2014), in the same order of operati
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
 
 from .._check import choose, input_error
 from .._data_sets import data_set_files, find_data_set
-from ..basis import load_basis
+from ..basis import Basis, load_basis
+from ..colour import WAVELENGTH_NM, luminance_weights, rgb_weights
+from ..fresnel import conductor
+from ..parametrization import F82_COSINE
 from ..spectra import load_material
 from .fresnel_terms import F82, Decomposition, Exact, Material, Schlick, parameter_set
 from .ranges import check_range, recording
@@ -42,8 +48,9 @@ class DecomposedConductor:
     ----------
     material : str
         Name of a material of Mitsuba's, with the meaning it has for `roughconductor` ("none" is a
-        perfect mirror), or an alias such as "gold", in any case. Instead of it, exactly one of
-        these sets:
+        perfect mirror), or an alias such as "gold", in any case. With `illuminant`, anything that
+        `load_material` takes, integrated over its spectrum. Instead of it, exactly one of these
+        sets:
     eta, k : float, spectrum or texture
         Relative complex index of refraction.
     r, g : float, spectrum or texture in [0, 1) and [0, 1]
@@ -52,6 +59,11 @@ class DecomposedConductor:
         Reflectance at normal incidence and at the `terms - 2` nodes of the basis.
     c0, c1, c2, ... : float, spectrum or texture
         The `terms` coefficients. They may be negative or exceed 1; nothing is clamped.
+    illuminant : str
+        For `material`: a light, such as "D65", under which the reflectance is integrated over the
+        spectrum in RGB and monochromatic variants, once, at 0° and at the nodes. So colours are
+        those that a spectral rendering in this light has, which one index per channel misses. Not
+        for "exact" there. Spectral variants take the spectra themselves.
     fresnel : {"decomposition", "exact", "schlick", "f82"}
         Fresnel term (default "decomposition"). "exact" needs `material`, (eta, k) or (r, g).
     recipe, terms : str, int
@@ -131,7 +143,22 @@ class DecomposedConductor:
                 "Reflectances and coefficients do not determine an index of refraction.",
             )
         preset = str(props["material"]) if kind == "material" else ""
-        if preset.casefold() == "none" and fresnel != "exact":
+        integrated = "illuminant" in props
+        if integrated and preset:
+            illuminant = str(props["illuminant"])
+            kind, values = _integrated(
+                preset, illuminant, fresnel, partial(load_basis, recipe, terms)
+            )
+            for name, value in values.items():
+                props[name] = value
+            self.parameters = {name: props.get_unbounded_texture(name) for name in values}
+        elif integrated:
+            raise input_error(
+                f"illuminant with {', '.join(names)}",
+                "illuminant with material",
+                "Only measured spectra are integrated.",
+            )
+        elif preset.casefold() == "none" and fresnel != "exact":
             kind = "coefficients"
             self.parameters = {f"c{i}": _uniform(float(i == 0)) for i in range(terms)}
         elif preset:
@@ -334,6 +361,54 @@ def _preset(name: str) -> dict[str, Any]:
             indices = {"eta": {"type": "spectrum", "filename": eta}, "k": 0.0}
     found = children(mi.load_dict({"type": "roughconductor", **indices}))
     return {"eta": found["eta"], "k": found["k"]}
+
+
+def _integrated(
+    name: str, illuminant: str, fresnel: str, basis: Callable[[], Basis]
+) -> tuple[str, dict[str, Any]]:
+    """Kind and values of the parameters that stand for a whole spectrum."""
+    material = load_material(name)
+    weights = rgb_weights(illuminant)  # refuses unknown lights in every variant
+    if mi.is_spectral:
+        eta, k = material.at(WAVELENGTH_NM)
+        return "material", {"eta": _spectrum(eta), "k": _spectrum(k)}
+    if fresnel == "exact":
+        raise input_error(
+            f"fresnel='exact' with an illuminant in {mi.variant()}",
+            "'decomposition', 'schlick' or 'f82', or a spectral variant",
+            "An integrated spectrum has no index of refraction.",
+        )
+    if mi.is_monochromatic:
+        weights = luminance_weights(illuminant)[None]
+
+    def reflectance(cos_theta: float) -> NDArray[np.float64]:
+        return weights @ conductor(cos_theta, *material.at(WAVELENGTH_NM))
+
+    f0 = reflectance(1.0)
+    if fresnel == "decomposition":
+        nodes = np.stack([reflectance(float(np.cos(t))) for t in basis().nodes], axis=-1)
+        values = basis().coefficients_from_reflectance(f0, nodes).T
+        return "coefficients", {f"c{i}": _colour(value) for i, value in enumerate(values)}
+    return "f82", {"f0": _colour(f0), "f82": _colour(reflectance(F82_COSINE))}
+
+
+def _colour(channels: NDArray[np.float64]) -> Any:
+    """A property: a number where there is one channel; of any sign."""
+    return float(channels[0]) if channels.size == 1 else mi.ScalarColor3f(channels.tolist())
+
+
+def _spectrum(values: NDArray[np.float64]) -> Any:
+    """A spectrum on the grid of `colour`, as Mitsuba's object."""
+    if not values.any():  # Mitsuba has no spectra that are 0 everywhere
+        return 0.0
+    return mi.load_dict(
+        {
+            "type": "regular",
+            "wavelength_min": float(WAVELENGTH_NM[0]),
+            "wavelength_max": float(WAVELENGTH_NM[-1]),
+            "values": ", ".join(f"{value:.9g}" for value in values),
+        }
+    )
 
 
 def _raised(direction: Any) -> Any:

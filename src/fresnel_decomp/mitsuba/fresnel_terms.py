@@ -68,7 +68,8 @@ class Material:
     Parameters
     ----------
     kind : str
-        As `parameter_set` returns it; "material" stands for eta and k.
+        As `parameter_set` returns it; "material" stands for eta and k. Besides, "f82": reflectances
+        at normal incidence and at cos = 1/7.
     values : sequence of flat Dr.Jit arrays
         One per parameter.
     basis : callable returning Basis
@@ -89,6 +90,8 @@ class Material:
         return self.basis().coefficients(*self.indices())
 
     def reflectance(self, cos_theta: float) -> Any:
+        if self.kind == "f82":
+            return bent_schlick(self.values[0], bend_factor(*self.values), cos_theta)
         if self.kind in ("coefficients", "nodes"):
             return self.basis().evaluate(self.coefficients(), cos_theta)
         return conductor(cos_theta, *self.indices())

@@ -1,0 +1,274 @@
+"""Speed of the exact equations, relative to Mitsuba's own functions in the same run.
+
+    python scripts/speed_exact.py --page docs/speed.md --out speed_exact.json
+
+`conductor` against `mi.fresnel_conductor` and `dielectric` against `mi.fresnel`, in both
+precisions, float32 in and out. The kernels:
+
+- *streaming*: one cosine from memory, one evaluation, one result to memory; one material, or an
+  index for each cosine, from memory as well;
+- *compute-bound*: many evaluations for each element, of which the sum is written;
+- *value and gradient*: streaming with an index for each cosine; in backward mode the partial
+  derivatives wrt all arguments, in forward mode the derivative along one direction. Those of
+  Mitsuba's functions are Dr.Jit's.
+
+Before the timing every result is compared with float64. All kernels take turns; a ratio is the
+median over rounds of (function / Mitsuba's in the same round), and ± half the distance between its
+quartiles. Times are those of the kernels, as Dr.Jit's history has them.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import Progress
+
+from accuracy_table import markdown
+from fresnel_decomp import conductor, dielectric, doctor
+from fresnel_decomp._files import write_json
+from speed_table import UNROLL, about, describe, measure
+from stability import insert
+
+Array = NDArray[np.float64]
+Run = Callable[[], Any]
+
+INDEX = (1.5, 2.0)
+"""eta and k of the one material."""
+
+
+@dataclass(frozen=True)
+class Function:
+    """One function as a kernel evaluates it."""
+
+    name: str
+    arity: int
+    run: Callable[..., Any]
+    """Of a cosine and `arity` arrays, eta and perhaps k."""
+    tolerance: float
+    """Largest distance of its value to float64, at random angles and indices."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Time of one function in one kind of kernel."""
+
+    ratio: float
+    spread: float
+    nanoseconds: float
+    """Median time of an evaluation."""
+
+
+def functions() -> dict[str, list[Function]]:
+    """By the function that the others are compared with, which comes first."""
+    import mitsuba as mi
+
+    def of_complex(cos_theta: Any, eta: Any, k: Any) -> Any:
+        return mi.fresnel_conductor(cos_theta, mi.Complex2f(eta, k))
+
+    def native(function: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda *arguments: function(*arguments, precision="native")
+
+    return {
+        "mi.fresnel_conductor": [
+            Function("mi.fresnel_conductor", 2, of_complex, 1e-3),
+            Function("conductor, native", 2, native(conductor), 1e-6),
+            Function("conductor, wide", 2, conductor, 1e-7),
+        ],
+        "mi.fresnel": [
+            Function("mi.fresnel", 1, lambda c, eta: mi.fresnel(c, eta)[0], 1e-3),
+            Function("dielectric, native", 1, native(dielectric), 1e-6),
+            Function("dielectric, wide", 1, dielectric, 1e-7),
+        ],
+    }
+
+
+def arguments_of(size: int) -> list[Any]:
+    """Random cosines, eta and k, evaluated."""
+    import drjit as dr
+    import mitsuba as mi
+
+    uniform = [mi.PCG32(size=size, initseq=i).next_float32() for i in range(3)]
+    arguments = [uniform[0], 0.2 + 3.8 * uniform[1], 5.0 * uniform[2]]
+    dr.eval(arguments)
+    return arguments
+
+
+def with_gradient(function: Function, arguments: Sequence[Any], mode: str) -> list[Any]:
+    """The value and, in mode "backward", its derivatives; in "forward", the one along (1, 1, 1)."""
+    import drjit as dr
+    import mitsuba as mi
+
+    copies = [mi.Float(argument) for argument in arguments[: 1 + function.arity]]
+    dr.enable_grad(copies)
+    value = function.run(*copies)
+    if mode == "forward":
+        for copy in copies:
+            dr.set_grad(copy, 1.0)
+        dr.forward_to(value)
+        return [dr.detach(value), dr.grad(value)]
+    dr.backward(value)
+    return [dr.detach(value), *(dr.grad(copy) for copy in copies)]
+
+
+def check(candidates: Sequence[Function], size: int = 20_000) -> None:
+    """Values and gradients of all functions against ours in float64.
+
+    Raises
+    ------
+    RuntimeError
+        If one of them is not what it is called.
+    """
+    import drjit as dr
+
+    arguments = arguments_of(size)
+    double = [dr.float64_array_t(type(argument))(argument) for argument in arguments]
+    for function in candidates:
+        exact = conductor if function.arity == 2 else dielectric
+        reference = [copy + 0.0 for copy in double[: 1 + function.arity]]
+        dr.enable_grad(reference)
+        expected = exact(*reference)
+        dr.backward(expected)
+        found = [np.array(v, np.float64) for v in with_gradient(function, arguments, "backward")]
+        distance = float(np.abs(found[0] - np.array(expected)).max())
+        if not distance <= function.tolerance:
+            raise RuntimeError(f"{function.name} is off by {distance:.2g}")
+        slopes = [np.array(dr.grad(copy)) for copy in reference]
+        for slope, exact_slope in zip(found[1:], slopes, strict=True):
+            # of nearly all: next to the critical angle derivatives have no bound
+            error = np.abs(slope - exact_slope) / (1.0 + np.abs(exact_slope))
+            if not np.quantile(error, 0.99) <= 1e-3:
+                raise RuntimeError(f"a derivative of {function.name} is off")
+
+
+def kernels(
+    candidates: Sequence[Function], options: argparse.Namespace
+) -> dict[str, dict[str, Run]]:
+    """For each kind of kernel and each function, what runs it."""
+    import drjit as dr
+    import mitsuba as mi
+
+    many, few = arguments_of(options.points), arguments_of(options.elements)[0]
+    one = [dr.opaque(mi.Float, value) for value in INDEX]
+
+    def streaming(function: Function, indices: Sequence[Any]) -> Run:
+        return lambda: dr.eval(function.run(many[0], *indices[: function.arity]))
+
+    def compute_bound(function: Function) -> Run:
+        def turn(i: Any, c: Any, total: Any) -> Any:
+            for j in range(UNROLL):
+                cosine = c * (1.0 - j / (2.0 * UNROLL))
+                total = total + function.run(cosine, *one[: function.arity])
+            return i + 1, 1.0 - 0.97 * c, total
+
+        def run() -> None:
+            state = (mi.UInt32(0), few, dr.zeros(mi.Float, options.elements))
+            dr.eval(dr.while_loop(state, lambda i, c, total: i < options.turns, turn)[2])
+
+        return run
+
+    def gradient(function: Function, mode: str) -> Run:
+        return lambda: dr.eval(with_gradient(function, many, mode))
+
+    kinds: dict[str, Callable[[Function], Run]] = {
+        "streaming, one material": lambda f: streaming(f, one),
+        "streaming, index from memory": lambda f: streaming(f, many[1:]),
+        "compute-bound": compute_bound,
+        "value and gradient, backward": lambda f: gradient(f, "backward"),
+        "value and gradient, forward": lambda f: gradient(f, "forward"),
+    }
+    return {kind: {f.name: make(f) for f in candidates} for kind, make in kinds.items()}
+
+
+def summary(
+    times: dict[str, dict[str, list[float]]], options: argparse.Namespace
+) -> dict[str, dict[str, Cell]]:
+    """By function and kind; the base is the first function of each kind."""
+    results: dict[str, dict[str, Cell]] = {}
+    for kind, by_name in times.items():
+        base = np.array(next(iter(by_name.values())))
+        count = options.points
+        if kind.startswith("compute"):
+            count = options.elements * options.turns * UNROLL
+        for name, milliseconds in by_name.items():
+            low, ratio, high = np.percentile(np.array(milliseconds) / base, [25, 50, 75])
+            nanoseconds = 1e6 * float(np.median(milliseconds)) / count
+            cell = Cell(float(ratio), float(high - low) / 2.0, nanoseconds)
+            results.setdefault(name, {})[kind] = cell
+    return results
+
+
+def table(base: str, results: dict[str, dict[str, Cell]]) -> str:
+    """Ratios in Markdown, and the base's times below them."""
+    rows = [
+        [name, *(f"{cell.ratio:.2f} ± {cell.spread:.2f}" for cell in cells.values())]
+        for name, cells in results.items()
+        if name != base
+    ]
+    rows.append([f"{base}, ns", *(f"{cell.nanoseconds:.2f}" for cell in results[base].values())])
+    return markdown([f"time / {base}", *results[base]], rows)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--variant", default="llvm_ad_rgb", help="an llvm_ad or cuda_ad variant")
+    parser.add_argument("--rounds", type=int, default=21, help="at least 9")
+    parser.add_argument("--points", type=int, default=10_000_000, help="evaluations, streaming")
+    parser.add_argument("--elements", type=int, default=65_536, help="elements, compute-bound")
+    parser.add_argument("--turns", type=int, default=19, help=f"{UNROLL} evaluations each")
+    parser.add_argument("--threads", type=int, help="of the LLVM backend; default: all")
+    parser.add_argument("--out", type=Path, help="also write the numbers to this JSON file")
+    parser.add_argument("--page", type=Path, help="also put the tables into this Markdown file")
+    options = parser.parse_args(arguments)
+    if options.rounds < 9:
+        parser.error(f"--rounds {options.rounds}: accepted are 9 and more; a median needs them")
+    if options.variant.startswith("scalar"):
+        parser.error("--variant: scalar ones have no kernels; accepted are llvm_ad_*, cuda_ad_*")
+    doctor.prepare()
+    doctor.require_variant(options.variant)
+    import drjit as dr
+    import mitsuba as mi
+
+    mi.set_variant(options.variant)
+    if options.threads:
+        dr.set_thread_count(options.threads)
+    families = functions()
+    results = {}
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("timing", total=len(families) * (options.rounds + 2))
+        for base, candidates in families.items():
+            check(candidates)
+            times = measure(
+                kernels(candidates, options), options.rounds, lambda: progress.advance(task)
+            )
+            results[base] = summary(times, options)
+    facts = _facts(options)
+    text = "\n\n".join([*(table(*item) for item in results.items()), describe(facts)])
+    print(text)
+    if options.out:
+        rows = [
+            {"function": name, "kernel": kind, "relative_to": base, **vars(cell)}
+            for base, by_name in results.items()
+            for name, cells in by_name.items()
+            for kind, cell in cells.items()
+        ]
+        write_json(options.out, {"about": facts, "results": rows})
+    if options.page:
+        insert(options.page, text)
+
+
+def _facts(options: argparse.Namespace) -> dict[str, Any]:
+    """Machine, versions and settings."""
+    options.recipe = None
+    facts = about(options) | {"what": "the exact equations alone", "index": INDEX}
+    return {name: fact for name, fact in facts.items() if name not in ("recipe", "indices")}
+
+
+if __name__ == "__main__":
+    main()

