@@ -6,9 +6,11 @@ import copy
 import functools
 import hashlib
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
@@ -16,6 +18,7 @@ import numpy as np
 
 from ._array import drjit_module, is_drjit, one_kind, real_arrays
 from ._check import choose, input_error
+from ._files import write_json
 from ._version import __version__
 from .basis_table import BasisTable, Warp, tabulate_basis
 from .closed_form import ClosedForm, check_terms, fit_closed_form, read_only
@@ -394,6 +397,18 @@ class Basis:
             "provenance": dict(self.provenance),
         }
 
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write `to_json` to a file, whole or not at all; `load_basis(path)` reads it.
+
+        Raises
+        ------
+        InputError
+            For a name that does not end in .json.
+        """
+        if Path(path).suffix != ".json":
+            raise input_error(f"the file name '{path}'", "a name ending in .json", "Rename it.")
+        write_json(path, self.to_json())
+
     @staticmethod
     def from_json(data: dict[str, Any]) -> Basis:
         """Inverse of `to_json`."""
@@ -445,22 +460,32 @@ def _clenshaw(series: np.ndarray, x: Any) -> Any:
     return x * current - ahead + float(series[0])
 
 
-def load_basis(recipe: str = "talk", terms: int = 4) -> Basis:
-    """A basis that ships with the package; no extraction is run.
+def load_basis(recipe: str | os.PathLike[str] = "talk", terms: int | None = None) -> Basis:
+    """A basis that ships with the package, or one of yours from a file; no extraction is run.
 
     Parameters
     ----------
-    recipe : {"talk", "notebook"}
-        See `extraction.RECIPES`.
-    terms : int in 3..6
-        b_0 = 1 included.
+    recipe : str or path
+        A name of `extraction.RECIPES`, or a file that `Basis.save` wrote (it ends in .json).
+    terms : int in 3..6, optional
+        b_0 = 1 included. By default 4, or what the file has.
 
     Raises
     ------
     InputError
-        For an unknown recipe or number of terms.
+        For an unknown recipe or number of terms, and files that hold no such basis.
     """
+    if not isinstance(recipe, str) or recipe.endswith(".json"):
+        basis = _from_file(Path(recipe))
+        if terms not in (None, basis.terms):
+            raise input_error(
+                f"terms={terms!r} with '{recipe}'",
+                f"{basis.terms}, which the file has",
+                "Leave terms out.",
+            )
+        return basis
     choose("recipe", recipe, RECIPES)
+    terms = 4 if terms is None else terms
     if terms not in (3, 4, 5, 6):
         raise input_error(f"terms={terms!r}", "3, 4, 5 or 6", "Four terms fit one RGBA table.")
     return _load(recipe, int(terms))
@@ -470,6 +495,18 @@ def load_basis(recipe: str = "talk", terms: int = 4) -> Basis:
 def _load(recipe: str, terms: int) -> Basis:
     file = resources.files(__package__) / "data" / f"{recipe}-{terms}.json"
     return Basis.from_json(json.loads(file.read_text(encoding="utf-8")))
+
+
+def _from_file(path: Path) -> Basis:
+    try:
+        return Basis.from_json(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        reason = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+        raise input_error(
+            f"cannot load a basis from '{path}' ({reason})",
+            "a .json file that Basis.save wrote",
+            f"Shipped ones have names: {', '.join(RECIPES)}.",
+        ) from error
 
 
 def extract_basis(

@@ -322,6 +322,53 @@ def basis(recipe: str, terms: int, out: Path | None) -> None:
 
 
 @cli.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--max-error", type=float, required=True, help="Bound on the error, by --metric.")
+@click.option(
+    "--metric",
+    default="reflectance",
+    show_default=True,
+    help="reflectance (0.01 is one per cent of the light), or delta-e (CIEDE2000).",
+)
+@click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Write the scene with the plan to this XML file."
+)
+def plan(scene: Path, max_error: float, metric: Any, variant: str | None, out: Path | None) -> None:
+    """Plan a scene: the cheapest Fresnel term for each metal that keeps a bound.
+
+    SCENE is a Mitsuba scene in XML. Says what each conductor takes, with its predicted error,
+    operations and bytes, and what stays exact and why.
+
+    \b
+    fresnel-decomp plan scene.xml --max-error .01
+    fresnel-decomp plan scene.xml --max-error 1 --metric delta-e --out planned.xml
+    """
+    from . import doctor
+
+    chosen = variant or doctor.best_variant()
+    doctor.require_variant(chosen)
+    import mitsuba as mi
+
+    mi.set_variant(chosen)
+    from .mitsuba.scene_plan import plan_scene
+    from .report.plan import summary
+
+    with _progress() as progress:
+        planned = plan_scene(
+            scene, max_error, metric, progress=lambda fraction: progress("planning", fraction)
+        )
+    for part in summary(planned):
+        if isinstance(part, str):
+            click.echo(part)
+        else:
+            _print_table(part)
+    if out is not None:
+        planned.write(out)
+        click.echo(f"Wrote {out}")
+
+
+@cli.command()
 @click.option("--fix", is_flag=True, help="Get a working LLVM if there is none, without root.")
 def doctor(fix: bool) -> None:
     """Say which Mitsuba variants work here, and what to do about those that do not."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -67,7 +66,7 @@ class DecomposedConductor:
     fresnel : {"decomposition", "exact", "schlick", "f82"}
         Fresnel term (default "decomposition"). "exact" needs `material`, (eta, k) or (r, g).
     recipe, terms : str, int
-        The basis, see `load_basis` (default "talk", 4).
+        The basis, see `load_basis` (default "talk", 4); `recipe` may be the path of a file.
     distribution : {"beckmann", "ggx"}
         Distribution of microfacet normals (default "beckmann", as for `roughconductor`).
     alpha, or alpha_u and alpha_v : float or texture > 0
@@ -134,7 +133,11 @@ class DecomposedConductor:
         self.m_components = [flags]
 
     def _set_material(self, props: Any, fresnel: str) -> None:
-        recipe, terms = str(props.get("recipe", "talk")), int(props.get("terms", 4))
+        recipe, terms = str(props.get("recipe", "talk")), int(props.get("terms", 0)) or None
+        if recipe.endswith(".json"):  # relative to the scene file
+            recipe = str(mi.file_resolver().resolve(recipe))
+        basis = load_basis(recipe, terms)
+        terms = basis.terms
         kind, names = parameter_set(list(props.keys()), terms)
         if fresnel == "exact" and kind in ("nodes", "coefficients"):
             raise input_error(
@@ -146,9 +149,7 @@ class DecomposedConductor:
         integrated = "illuminant" in props
         if integrated and preset:
             illuminant = str(props["illuminant"])
-            kind, values = _integrated(
-                preset, illuminant, fresnel, partial(load_basis, recipe, terms)
-            )
+            kind, values = _integrated(preset, illuminant, fresnel, lambda: basis)
             for name, value in values.items():
                 props[name] = value
             self.parameters = {name: props.get_unbounded_texture(name) for name in values}
@@ -166,7 +167,7 @@ class DecomposedConductor:
         else:
             self.parameters = {name: _texture(props, name) for name in names}
         self.fresnel, self.kind = fresnel, kind
-        self.basis = partial(load_basis, recipe, terms)
+        self.basis = lambda: basis
         make: dict[str, Any] = {"exact": Exact, "schlick": Schlick, "f82": F82}
         self.term = make[fresnel]() if fresnel in make else Decomposition(self.basis())
         self.tables: list[Any] = []

@@ -1,0 +1,177 @@
+"""What a scene has that reflects: conductors, other BSDFs with a Fresnel term, lights.
+
+A scene is walked as it is loaded: shapes, their BSDFs, and the BSDFs nested in those, whether
+written in place, referenced or inside a shape group that is instanced. What is defined but not used
+by a shape does not count.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..plan import LeftExact
+from ..prediction import Surface
+from .tabulation import children, stored_values
+
+__all__ = ["Inventory", "take_inventory"]
+
+_CONDUCTORS = {"RoughConductor": "roughconductor", "SmoothConductor": "conductor"}
+_NO_COUNTERPART = {
+    "SmoothDielectric": "dielectric",
+    "ThinDielectric": "thindielectric",
+    "RoughDielectric": "roughdielectric",
+    "SmoothPlastic": "plastic",
+    "RoughPlastic": "roughplastic",
+    "Principled": "principled",
+    "PrincipledThin": "principledthin",
+}
+_UNKNOWN_ALPHA = (1e-3, 1.0)  # of textures whose values are known only at surface points
+
+
+@dataclass(frozen=True, eq=False)
+class Inventory:
+    """What a scene has for a plan to work on.
+
+    Attributes
+    ----------
+    surfaces : tuple of Surface
+        Rough conductors, which `decomposed_conductor` can replace.
+    left : tuple of LeftExact
+        Other BSDFs with a Fresnel term, and conductors that a plan cannot take.
+    lights : tuple of str
+        Classes of the emitters in use.
+    objects : tuple of mi.BSDF
+        The loaded BSDFs of `surfaces`.
+    """
+
+    surfaces: tuple[Surface, ...]
+    left: tuple[LeftExact, ...]
+    lights: tuple[str, ...]
+    objects: tuple[Any, ...] = field(repr=False)
+
+
+def take_inventory(scene: Any) -> Inventory:
+    """What is in use in a loaded scene.
+
+    Parameters
+    ----------
+    scene : mi.Scene
+    """
+    lights = list(scene.emitters())
+    contrast = max((_contrast(light) for light in lights), default=1.0)
+    surfaces: list[Surface] = []
+    objects: list[Any] = []
+    left: list[LeftExact] = []
+    for path, bsdf in _walk(scene, "", []):
+        kind = bsdf.class_name()
+        name = bsdf.id() or path
+        if kind in _CONDUCTORS:
+            found = _conductor(name, bsdf, kind, contrast)
+            if isinstance(found, Surface):
+                surfaces.append(found)
+                objects.append(bsdf)
+            else:
+                left.append(found)
+        elif kind in _NO_COUNTERPART:
+            left.append(_without_counterpart(name, bsdf, kind, contrast))
+    classes = tuple(sorted({light.class_name() for light in lights}))
+    return Inventory(tuple(surfaces), tuple(left), classes, tuple(objects))
+
+
+def _walk(node: Any, path: str, seen: list[Any]) -> Iterator[tuple[str, Any]]:
+    """All BSDFs that shapes below `node` use, each once, with the path to it."""
+    for number, (name, child) in enumerate(children(node).items()):
+        if not isinstance(child, mi.Object) or any(child is known for known in seen):
+            continue
+        if isinstance(node, mi.Scene) and isinstance(child, mi.BSDF):
+            continue  # defined, but not by that alone in use
+        seen.append(child)
+        if name.startswith("object_"):  # without an id: an address
+            name = f"{child.class_name().lower()}-{number}"
+        where = f"{path}.{name}" if path else name
+        if isinstance(child, mi.BSDF):
+            yield where, child
+        yield from _walk(child, where, seen)
+
+
+def _conductor(name: str, bsdf: Any, kind: str, contrast: float) -> Surface | LeftExact:
+    parts = children(bsdf)
+    plugin = _CONDUCTORS[kind]
+    textures = [parts["eta"], parts["k"]]
+    if not all(texture.class_name().endswith("Spectrum") for texture in textures):
+        gain = "a table of coefficients, one per texel, which decomposed_conductor makes of eta, k"
+        return LeftExact(name, plugin, "its index is textured", gain)
+    eta, k = (_spectrum(texture) for texture in textures)
+    eta, k = np.broadcast_arrays(eta, k)
+    if not (np.all(eta > 0.0) and np.all(k >= 0.0)):
+        return LeftExact(name, plugin, "its index is not positive: a mirror, or a gap in the data")
+    wavelengths = np.linspace(360.0, 830.0, len(eta)) if mi.is_spectral and len(eta) > 1 else None
+    if plugin == "conductor":
+        smooth = Surface(name, eta, k, None, contrast, wavelength_nm=wavelengths)
+        why = "it is perfectly smooth, and decomposed_conductor is not"
+        return LeftExact(name, plugin, why, surface=smooth)
+    ggx = re.search(r"distribution = ggx", str(bsdf), re.I)
+    return Surface(
+        name,
+        eta,
+        k,
+        _roughness([parts[key] for key in ("alpha", "alpha_u", "alpha_v") if key in parts]),
+        contrast,
+        "ggx" if ggx else "beckmann",
+        wavelengths,
+    )
+
+
+def _without_counterpart(name: str, bsdf: Any, kind: str, contrast: float) -> LeftExact:
+    plugin = _NO_COUNTERPART[kind]
+    why = "no counterpart with another Fresnel term"
+    params = mi.traverse(bsdf)
+    if "eta" not in params:
+        return LeftExact(name, plugin, why, "it has a Fresnel term of its own")
+    eta = float(np.ravel(np.array(dr.detach(params["eta"]), float))[0])
+    if eta < 1.0:
+        return LeftExact(name, plugin, f"{why}, and eta < 1 reflects totally")
+    alpha = None
+    if "alpha" in params:
+        values = np.ravel(np.array(dr.detach(params["alpha"]), float))
+        alpha = (float(values.min()), float(values.max()))
+    elif "alpha.value" in params:
+        alpha = _roughness([children(bsdf)["alpha"]])
+    surface = Surface(name, [eta], [0.0], alpha, contrast)
+    inside = " (from inside, eta < 1 stays exact)" if "ielectric" in kind else ""
+    return LeftExact(name, plugin, why + inside, surface=surface)
+
+
+def _contrast(light: Any) -> float:
+    """Variance of what a light sends from all around, relative to its squared mean."""
+    kind = light.class_name()
+    if kind == "ConstantBackgroundEmitter":
+        return 1.0  # not 0: objects hide a part of it
+    if kind != "EnvironmentMapEmitter":
+        return np.inf  # may be as small as a point, or has a sun
+    texels = np.array(mi.traverse(light)["data"], np.float64)[..., :3].mean(axis=-1)
+    area = np.sin(np.pi * (np.arange(len(texels)) + 0.5) / len(texels))[:, None]
+    area = np.broadcast_to(area / area.sum() / texels.shape[1], texels.shape)
+    mean = float((area * texels).sum())
+    if mean <= 0.0:
+        return 1.0
+    return 1.0 + float((area * (texels / mean - 1.0) ** 2).sum())
+
+
+def _spectrum(texture: Any) -> np.ndarray:
+    return np.array(stored_values(texture)[0], np.float64).ravel()
+
+
+def _roughness(textures: Sequence[Any]) -> tuple[float, float]:
+    values = [np.array(v, np.float64).ravel() for t in textures for v in stored_values(t)]
+    if len(values) < len(textures):
+        return _UNKNOWN_ALPHA
+    joined = np.concatenate(values)
+    return float(joined.min()), float(joined.max())

@@ -1,0 +1,281 @@
+"""Plans for Mitsuba scenes: find what reflects, choose its Fresnel term, put it into the scene.
+
+To change a scene, the parsed form of its XML file or dictionary is changed and instantiated or
+written anew, so that everything else stays as its author wrote it.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+
+from .._check import input_error
+from .._files import replacing
+from ..plan import Choice, Plan, plan_surfaces
+from ..prediction import Metric
+from . import register
+from .inventory import Inventory, take_inventory
+
+__all__ = ["ScenePlan", "inventory", "plan_scene"]
+
+Source = str | os.PathLike[str] | dict[str, Any] | Any
+"""The path of an XML file, a dictionary as for `mi.load_dict`, or a loaded `mi.Scene`."""
+
+_COPIED = ("alpha", "alpha_u", "alpha_v", "distribution", "sample_visible", "specular_reflectance")
+
+
+@dataclass(frozen=True, eq=False)
+class ScenePlan:
+    """A plan, and the scene that it is for.
+
+    Attributes
+    ----------
+    plan : Plan
+    lights : tuple of str
+    variant : str
+        The plan holds for the colours of this Mitsuba variant.
+    """
+
+    plan: Plan
+    lights: tuple[str, ...]
+    variant: str
+    _source: _Source | None = field(repr=False)
+    _objects: tuple[Any, ...] = field(repr=False)
+
+    def apply(self) -> Any:
+        """The scene with the plan in it, loaded in the active variant.
+
+        Raises
+        ------
+        InputError
+            If the plan was made for a loaded scene, or for another variant.
+        """
+        source = self._rewritable()
+        state = source.parse()
+        with tempfile.TemporaryDirectory(prefix="fresnel-plan-") as folder:
+            self._rewrite(state, source.nodes, Path(folder) / "basis.json")
+            return source.instantiate(state)
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the scene with the plan as XML; a basis of its own goes to a file beside it.
+
+        File names in the scene stay as they are, so write it into the folder of the original.
+
+        Raises
+        ------
+        InputError
+            As `apply`; also for scenes that hold objects in memory, such as arrays or meshes.
+        """
+        source = self._rewritable()
+        target = Path(path)
+        if target.suffix != ".xml":
+            raise input_error(f"'{path}'", "a name ending in .xml", "Rename it.")
+        state = source.parse()
+        basis_path = target.with_name(f"{target.stem}-basis.json")
+        self._rewrite(state, source.nodes, basis_path, beside=True)
+        try:
+            text = mi.parser.write_string(state)
+        except RuntimeError as error:
+            raise input_error(
+                f"a scene that XML cannot hold ({str(error).strip()})",
+                "a scene of numbers, strings and file names",
+                "Use apply(), which loads it instead.",
+            ) from error
+        with replacing(target) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+
+    def _rewritable(self) -> _Source:
+        if self._source is None:
+            raise input_error(
+                "a plan for a loaded scene",
+                "a plan for an XML file or a dictionary",
+                "A loaded scene cannot be changed: plan what it was loaded from.",
+            )
+        if mi.variant() != self.variant:
+            raise input_error(
+                f"variant {mi.variant()}",
+                self.variant,
+                "The colours of a plan are those of the variant that it was made in.",
+            )
+        register()
+        return self._source
+
+    def _rewrite(
+        self, state: Any, nodes: Sequence[Any], basis_path: Path, beside: bool = False
+    ) -> None:
+        basis = self.plan.basis
+        recipe = ""
+        if basis is not None:
+            recipe = basis.recipe
+            if recipe == "custom":
+                recipe = basis_path.name if beside else str(basis_path)
+                basis.save(basis_path)
+        for choice, surface_object in zip(self.plan.choices, self._objects, strict=True):
+            if choice.model == "exact":
+                continue
+            for index, node in enumerate(nodes):
+                if node is surface_object:
+                    old = state.nodes[index].props
+                    state.nodes[index].props = _planned(old, choice, recipe)
+
+
+def inventory(source: Source) -> Inventory:
+    """The surfaces, other BSDFs and lights of a scene.
+
+    Parameters
+    ----------
+    source : path, dict or mi.Scene
+
+    Raises
+    ------
+    InputError
+        If no variant is set, or the scene cannot be loaded.
+    """
+    return take_inventory(_load(source)[0])
+
+
+def plan_scene(
+    source: Source, max_error: float, metric: Metric = "reflectance", **options: Any
+) -> ScenePlan:
+    """Choose the cheapest Fresnel term for each conductor of a scene.
+
+    Parameters
+    ----------
+    source : path, dict or mi.Scene
+        An XML file, a dictionary, or a loaded scene (whose plan can be read but not applied).
+        Dictionaries are parsed twice, so they should not hold tensors, which Mitsuba empties.
+    max_error, metric, **options
+        As for `plan.plan_surfaces`.
+
+    Raises
+    ------
+    InputError
+        As `plan_surfaces`; if no variant is set, or the scene cannot be loaded.
+
+    Examples
+    --------
+    >>> import mitsuba as mi
+    >>> from fresnel_decomp.mitsuba.scene_plan import plan_scene
+    >>> mi.set_variant("scalar_rgb")
+    >>> metal = {"type": "roughconductor", "material": "Al", "alpha": 0.2}
+    >>> scene = {"type": "scene", "ball": {"type": "sphere", "bsdf": metal}}
+    >>> planned = plan_scene(scene, 0.2)
+    >>> [choice.model for choice in planned.plan.choices]
+    ['schlick']
+    """
+    scene, parsed = _load(source)
+    found = take_inventory(scene)
+    plan = plan_surfaces(found.surfaces, max_error, metric, left=found.left, **options)
+    return ScenePlan(plan, found.lights, str(mi.variant()), parsed, found.objects)
+
+
+# --- loading -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Source:
+    """Where a scene comes from, and the object that each of its parsed nodes became."""
+
+    origin: str | dict[str, Any]
+    config: Any
+    nodes: tuple[Any, ...]
+
+    def parse(self) -> Any:
+        return _parse(self.origin, self.config)
+
+    def instantiate(self, state: Any) -> Any:
+        return _instantiate(self.origin, self.config, state)
+
+
+def _parse(origin: str | dict[str, Any], config: Any) -> Any:
+    parse = mi.parser.parse_dict if isinstance(origin, dict) else mi.parser.parse_file
+    state = parse(config, origin)
+    mi.parser.transform_upgrade(config, state)
+    mi.parser.transform_resolve_references(config, state)
+    return state
+
+
+def _load(source: Source) -> tuple[Any, _Source | None]:
+    if mi.variant() is None:
+        raise input_error(
+            "no Mitsuba variant is set", ", ".join(mi.variants()), "Call mitsuba.set_variant first."
+        )
+    register()
+    if isinstance(source, mi.Scene):
+        return source, None
+    if not isinstance(source, dict):
+        source = os.fspath(source)
+        if not Path(source).is_file():
+            raise input_error(f"no file '{source}'", "a Mitsuba scene in XML", "Check the path.")
+    config = mi.parser.ParserConfig(mi.variant())
+    config.merge_equivalent = config.merge_meshes = False
+    try:
+        state = _parse(source, config)
+        scene = _instantiate(source, config, state)
+    except RuntimeError as error:
+        raise input_error(
+            f"a scene that does not load in {mi.variant()} ({str(error).strip()})",
+            "a scene that Mitsuba renders",
+            "Load it with mitsuba.load_file or load_dict to see what is wrong.",
+        ) from error
+    if not isinstance(scene, mi.Scene):
+        raise input_error(f"a {type(scene).__name__}", "a scene", "Put it into a scene first.")
+    # instantiating replaces references by the objects that they stand for
+    again = _parse(source, config)
+    nodes: list[Any] = [None] * len(again.nodes)
+    for before, after in zip(again.nodes, state.nodes, strict=True):
+        for name in list(before.props.keys()):
+            if before.props.type(name) == mi.Properties.Type.ResolvedReference:
+                nodes[before.props[name].index()] = after.props[name]
+    return scene, _Source(source, config, tuple(nodes))
+
+
+def _instantiate(origin: str | dict[str, Any], config: Any, state: Any) -> Any:
+    """The scene; files that it names are looked for beside its own."""
+    before = mi.file_resolver()
+    resolver = mi.FileResolver(before)
+    if isinstance(origin, str):
+        resolver.prepend(str(Path(origin).resolve().parent))
+    mi.set_file_resolver(resolver)
+    try:
+        loaded = mi.parser.instantiate(config, state)
+    finally:
+        mi.set_file_resolver(before)
+    return loaded[0] if isinstance(loaded, list | tuple) else loaded
+
+
+# --- rewriting -----------------------------------------------------------------------------------
+
+
+def _planned(old: Any, choice: Choice, recipe: str) -> Any:
+    """Properties of `decomposed_conductor` that stand for those of `roughconductor`."""
+    new = mi.Properties("decomposed_conductor")
+    new.set_id(old.id())
+    by_index = choice.model != "decomposition" or mi.is_spectral
+    for name in list(old.keys()):
+        if name in _COPIED or (by_index and name in ("material", "eta", "k")):
+            new[name] = old[name]
+    new["fresnel"] = choice.model
+    if choice.model == "decomposition":
+        new["recipe"] = recipe
+        if not mi.is_spectral:
+            # in spectral variants negative colours have no spectrum: eta and k are projected there
+            assert choice.coefficients is not None
+            new["terms"] = choice.coefficients.shape[1]
+            for i, values in enumerate(choice.coefficients.T):
+                new[f"c{i}"] = (
+                    float(values[0])
+                    if len(values) == 1
+                    else mi.ScalarColor3f([float(value) for value in values])
+                )
+        elif not recipe.endswith(".json"):
+            new["terms"] = choice.numbers
+    elif "material" not in old and "eta" not in old:
+        new["material"] = "none"
+    return new

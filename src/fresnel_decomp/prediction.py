@@ -1,0 +1,187 @@
+"""What an approximate reflectance is off by on a surface, and what evaluating it costs.
+
+The predicted error of a surface is the largest over the angle of view. A smooth surface, or one
+that a point light illuminates, shows its reflectance at single angles, so this is the largest error
+of the curve. Light from everywhere is averaged over the lobe of normals, and so is the error. If d
+is the error at an angle, w what the lobe reflects from there and L the light, then by Cauchy and
+Schwarz
+
+    |∫ w L d| / ∫ w L  <=  sqrt(∫ w d² / ∫ w) sqrt(1 + v),
+
+v being the variance of the light over the lobe relative to its squared mean: the *contrast*. So
+rough surfaces under an even sky need less than smooth ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from ._check import choose, input_error
+from .albedo import directional_albedo
+from .basis import Basis
+from .colour import WAVELENGTH_NM, delta_e_2000, rgb_weights
+from .curves import CurveSet, error_cosines
+from .fresnel import conductor
+
+__all__ = ["EXACT_OPERATIONS", "METRICS", "Metric", "Surface", "operations", "predicted_error"]
+
+Metric = Literal["reflectance", "delta-e"]
+METRICS = ("reflectance", "delta-e")
+
+EXACT_OPERATIONS = 34
+"""Operations of `mi.fresnel_conductor` per channel, as counted in its kernel."""
+
+_LOBE_COSINES = np.linspace(0.1, 1.0, 19) ** 2  # of the view, dense at grazing angles
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A surface whose reflectance is given by an index of refraction.
+
+    Attributes
+    ----------
+    name : str
+    eta, k : (n,) float, eta > 0, k >= 0
+        One for each channel that is evaluated, or for each of `wavelength_nm`.
+    alpha : (float, float) or None
+        Least and greatest roughness; None for a smooth surface.
+    contrast : float >= 0
+        Variance of the light relative to its squared mean; infinite for point, spot and directional
+        lights. The default, 1, is that of an even sky of which objects hide one half.
+    distribution : {"ggx", "beckmann"}
+    wavelength_nm : (n,) float or None
+        Where eta and k belong to wavelengths and not to channels.
+
+    Raises
+    ------
+    InputError
+        For other shapes and ranges than these.
+    """
+
+    name: str
+    eta: Any
+    k: Any
+    alpha: tuple[float, float] | None = None
+    contrast: float = 1.0
+    distribution: Literal["ggx", "beckmann"] = "ggx"
+    wavelength_nm: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        curves = CurveSet(self.name, np.ravel(self.eta), np.ravel(self.k))
+        object.__setattr__(self, "eta", curves.eta)
+        object.__setattr__(self, "k", curves.k)
+        choose("distribution", self.distribution, ("ggx", "beckmann"))
+        if self.alpha is not None and not 0.0 < self.alpha[0] <= self.alpha[1]:
+            raise input_error(
+                f"alpha={self.alpha} of '{self.name}'",
+                "(least, greatest) > 0, or None",
+                "Smooth surfaces have None.",
+            )
+        if not self.contrast >= 0.0:
+            raise input_error(
+                f"contrast={self.contrast} of '{self.name}'",
+                "a number >= 0, or infinity",
+                "Leave it out for an even light.",
+            )
+
+    def to_rgb(self, reflectance: np.ndarray) -> np.ndarray:
+        """(..., 3) linear sRGB of reflectances (..., n), under D65 where they are spectra."""
+        if self.wavelength_nm is None:
+            return np.broadcast_to(reflectance, (*reflectance.shape[:-1], 3))
+        weights = rgb_weights("D65")
+        spectra = np.stack(
+            [
+                np.interp(WAVELENGTH_NM, self.wavelength_nm, row)
+                for row in reflectance.reshape(-1, reflectance.shape[-1])
+            ]
+        )
+        return (spectra @ weights.T).reshape(*reflectance.shape[:-1], 3)
+
+
+def operations(model: str, channels: int, basis: Basis | None = None) -> int:
+    """Floating-point operations of one evaluation, a fused multiply-add counting as one.
+
+    Parameters
+    ----------
+    model : {"schlick", "f82", "decomposition", "exact"}
+    channels : int
+        Share the cosine and, in the decomposition, the functions.
+    basis : Basis
+        For "decomposition".
+    """
+    choose("model", model, ("schlick", "f82", "decomposition", "exact"))
+    if model == "schlick":
+        return 4 + 2 * channels
+    if model == "f82":
+        return 6 + 4 * channels
+    if model == "exact":
+        return EXACT_OPERATIONS * channels
+    assert basis is not None
+    form = basis.closed_form
+    # Horner's rule: one operation per degree; a leading zero in b_2, b_3, ... is the same
+    horner = len(form.denominator) - 1 + form.numerators.size - len(form.numerators)
+    return 2 + horner + len(form.numerators) * (1 + channels)
+
+
+def predicted_error(
+    surface: Surface, fit: Callable[[np.ndarray], np.ndarray], metric: Metric = "reflectance"
+) -> float:
+    """The largest error over the angle of view, as this module's text defines it.
+
+    Parameters
+    ----------
+    surface : Surface
+    fit : callable
+        From cosines (..., 1) to reflectances (..., n), one for each index of the surface.
+    metric : {"reflectance", "delta-e"}
+
+    Examples
+    --------
+    >>> from fresnel_decomp import Schlick
+    >>> from fresnel_decomp.prediction import Surface, predicted_error
+    >>> glass = Surface("glass", [1.5], [0.0])
+    >>> round(predicted_error(glass, Schlick(0.04)), 3)
+    0.036
+    """
+    choose("metric", metric, METRICS)
+
+    def distance(cos_theta: np.ndarray) -> np.ndarray:
+        cos_theta = np.asarray(cos_theta)[..., None]
+        return _distance(
+            surface, conductor(cos_theta, surface.eta, surface.k), fit(cos_theta), metric
+        )
+
+    largest = float(distance(error_cosines()[0]).max())
+    if surface.alpha is None or not np.isfinite(surface.contrast):
+        return largest
+    low, high = surface.alpha
+    averages = [
+        _lobe_average(surface, distance, alpha)
+        for alpha in np.unique([low, np.sqrt(low * high), high])
+    ]
+    return min(largest, max(averages) * float(np.sqrt(1.0 + surface.contrast)))
+
+
+def _lobe_average(surface: Surface, distance: Any, alpha: float) -> float:
+    """Root of the mean squared error over the lobe, the largest over the view and all channels."""
+
+    def squares(cos_theta: np.ndarray) -> np.ndarray:
+        d = distance(cos_theta)
+        return np.concatenate([np.ones_like(d[..., :1]), d * d], axis=-1)
+
+    averages = directional_albedo(squares, _LOBE_COSINES, alpha, distribution=surface.distribution)
+    return float(np.sqrt((averages[..., 1:] / averages[..., :1]).max()))
+
+
+def _distance(
+    surface: Surface, exact: np.ndarray, fitted: np.ndarray, metric: Metric
+) -> np.ndarray:
+    """Errors (..., n) of reflectances (..., n), or (..., 1) of the colours that they make."""
+    if metric == "reflectance":
+        return np.abs(fitted - exact)
+    colours = [np.clip(surface.to_rgb(F), 0.0, 1.0) for F in (exact, fitted)]
+    return np.asarray(delta_e_2000(*colours))[..., None]
