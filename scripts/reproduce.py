@@ -20,6 +20,7 @@ import fig01c_roughness
 import fig02_edge_tint
 import fig03_shader_balls
 import fig04_linear_tint
+import split_sum_study
 import table_study
 from _figure import (
     DATA,
@@ -45,6 +46,7 @@ FIGURES = {
         fig02_edge_tint,
         fig03_shader_balls,
         fig04_linear_tint,
+        split_sum_study,
         table_study,
     )
 }

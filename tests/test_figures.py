@@ -15,7 +15,8 @@ import pytest
 SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
 MODULES = (
     "_figure", "_page", "_renders", "fig01a_basis", "fig01b_beryllium", "fig01c_roughness",
-    "fig02_edge_tint", "fig03_shader_balls", "fig04_linear_tint", "reproduce",
+    "fig02_edge_tint", "fig03_shader_balls", "fig04_linear_tint", "_split_sum",
+    "split_sum_study", "reproduce",
     "table_study",
 )  # fmt: skip
 RENDERED = ("fig01b_beryllium", "fig01c_roughness", "fig02_edge_tint", "fig03_shader_balls")
@@ -58,7 +59,8 @@ def sidecar(folder: Path, name: str) -> dict[str, Any]:
 def test_list_names_every_script(reproduce: Any, capsys: pytest.CaptureFixture[str]) -> None:
     assert reproduce("--list") == 0
     listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
-    assert listed == [*sorted(path.stem for path in SCRIPTS.glob("fig*.py")), "table_study"]
+    figures = sorted(path.stem for path in SCRIPTS.glob("fig*.py"))
+    assert listed == [*figures, "split_sum_study", "table_study"]
 
 
 def test_only_takes_names_and_their_beginnings(

@@ -16,7 +16,15 @@ from numpy.typing import NDArray
 
 from .._check import choose, input_error
 
-__all__ = ["SCENES", "load_scene", "revolve", "shader_ball", "studio", "studio_lights"]
+__all__ = [
+    "SCENES",
+    "lit_object",
+    "load_scene",
+    "revolve",
+    "shader_ball",
+    "studio",
+    "studio_lights",
+]
 
 _NEUTRAL = 0.42  # reflectance of the plinth: darker than paper, so that a metal stands out
 _RUBBER = 0.06
@@ -209,36 +217,53 @@ def _diffuse(reflectance: float) -> dict[str, Any]:
     return {"type": "diffuse", "reflectance": {"type": "rgb", "value": [reflectance] * 3}}
 
 
+def _film_size(size: int | tuple[int, int]) -> tuple[int, int]:
+    width, height = (size, size) if isinstance(size, int) else size
+    if min(width, height) < 1:
+        raise input_error(f"size={size!r}", "one or two integers ≥ 1", "Use for example size=256.")
+    return width, height
+
+
+def _camera(
+    width: int,
+    height: int,
+    origin: list[float],
+    target: list[float],
+    fov: float,
+    spp: int,
+    rfilter: str,
+) -> dict[str, Any]:
+    import mitsuba as mi
+
+    return {
+        "type": "perspective",
+        "fov": fov,
+        "fov_axis": "smaller",
+        "to_world": mi.ScalarTransform4f().look_at(origin=origin, target=target, up=[0, 1, 0]),
+        "film": {
+            "type": "hdrfilm",
+            "width": width,
+            "height": height,
+            "pixel_format": "luminance" if "mono" in str(mi.variant()) else "rgb",
+            "component_format": "float32",
+            "rfilter": {"type": rfilter},
+        },
+        "sampler": {"type": "multijitter", "sample_count": spp},
+    }
+
+
 def _stage(
     size: int | tuple[int, int], spp: int, max_depth: int, rfilter: str, fov: float
 ) -> dict[str, Any]:
     """Everything but the object: lights, plinth, camera, film and integrator."""
     import mitsuba as mi
 
-    width, height = (size, size) if isinstance(size, int) else size
-    if min(width, height) < 1:
-        raise input_error(f"size={size!r}", "one or two integers ≥ 1", "Use for example size=256.")
+    width, height = _film_size(size)
     lights = mi.Bitmap(np.array(studio_lights()), pixel_format=mi.Bitmap.PixelFormat.RGB)
     return {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": max_depth, "rr_depth": max_depth + 1},
-        "sensor": {
-            "type": "perspective",
-            "fov": fov,
-            "fov_axis": "smaller",
-            "to_world": mi.ScalarTransform4f().look_at(
-                origin=_CAMERA.tolist(), target=_TARGET.tolist(), up=[0, 1, 0]
-            ),
-            "film": {
-                "type": "hdrfilm",
-                "width": width,
-                "height": height,
-                "pixel_format": "luminance" if "mono" in str(mi.variant()) else "rgb",
-                "component_format": "float32",
-                "rfilter": {"type": rfilter},
-            },
-            "sampler": {"type": "multijitter", "sample_count": spp},
-        },
+        "sensor": _camera(width, height, _CAMERA.tolist(), _TARGET.tolist(), fov, spp, rfilter),
         "lights": {"type": "envmap", "bitmap": lights},
         "plinth": _mesh("plinth", _diffuse(_NEUTRAL)),
     }
@@ -304,6 +329,53 @@ def shader_ball(
     scene["collar"] = _mesh("collar", _diffuse(_RUBBER))
     scene["object"] = _mesh("ball", bsdf)
     return scene
+
+
+def lit_object(
+    bsdf: Any,
+    light: Any,
+    size: int | tuple[int, int] = 256,
+    *,
+    shape: str = "sphere",
+    spp: int = 64,
+    max_depth: int = 2,
+    rfilter: str = "box",
+    background: bool = True,
+) -> dict[str, Any]:
+    """A sphere or the shader ball, floating in an environment that is all its light.
+
+    Parameters
+    ----------
+    bsdf : dict or mi.BSDF
+    light : dict or mi.Emitter
+        An environment, such as `Environment.emitter()` gives it.
+    size : int or (width, height)
+    shape : {"sphere", "shader-ball"}
+    spp, rfilter
+        As for `studio`.
+    max_depth : int
+        With 2 the object reflects nothing but the environment, as in split-sum shading; what hides
+        behind itself is dark, where split-sum shading knows no shadows.
+    background : bool
+        Show the environment behind the object; else it is black.
+    """
+    width, height = _film_size(size)
+    choose("shape", shape, ("sphere", "shader-ball"))
+    sphere = {"type": "sphere", "center": [0.0, 0.0, 0.0], "radius": 1.0, "bsdf": bsdf}
+    centre = 0.0 if shape == "sphere" else 1.06
+    camera = [0.0, centre + 0.7, 8.0]
+    return {
+        "type": "scene",
+        "integrator": {
+            "type": "path",
+            "max_depth": max_depth,
+            "rr_depth": max_depth + 1,
+            "hide_emitters": not background,
+        },
+        "sensor": _camera(width, height, camera, [0.0, centre, 0.0], 15.2, spp, rfilter),
+        "light": light,
+        "object": sphere if shape == "sphere" else _mesh("ball", bsdf),
+    }
 
 
 SCENES = {"studio": studio, "shader-ball": shader_ball}

@@ -1,0 +1,395 @@
+r"""Split-sum shading: a blurred environment times the directional albedo, per shading point.
+
+Karis 2013, "Real Shading in Unreal Engine 4", replaces the reflection integral of environment
+light by a product,
+
+    Lo(v) ≈ L(R, alpha) Fbar(n·v, alpha),
+
+R being v mirrored about n. `prefilter` makes L. Fbar is what the Fresnel term is about:
+
+- `SplitAlbedo(table, coefficients)`: a table's functions, weighed by the material's coefficients.
+  With an `AlbedoTable` of four terms this is the decomposition;
+- `schlick_albedo`, `f82_albedo`: the same with the functions of Schlick's curve, F0 A + B, and one
+  more for F82;
+- `integrated_albedo`: any curve integrated as it is, which is the reference of the three.
+
+`shade` is all there is at run time. It takes NumPy and Dr.Jit arrays and needs no renderer;
+`visible_surface` and `render_split_sum` take what is seen from a Mitsuba scene.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._array import drjit_module, is_drjit
+from .._check import choose, input_error
+from .._schlick import bend_factor
+from ..albedo import directional_albedo
+from ..microfacet import Smith
+from ..table import AlbedoTable, Layout
+from .environment import as_vector
+from .prefilter import PrefilteredLight
+
+__all__ = [
+    "SplitAlbedo",
+    "SplitMaterial",
+    "VisibleSurface",
+    "f82_albedo",
+    "integrated_albedo",
+    "render_split_sum",
+    "schlick_albedo",
+    "schlick_table",
+    "shade",
+    "visible_surface",
+]
+
+_COSINES = 1025  # of integrated albedos, uniform in sqrt(mu): interpolation errs by some 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class SplitAlbedo:
+    """Directional albedo of a material in three channels, sum_j c_j bbar_j(mu, alpha), unclamped.
+
+    Attributes
+    ----------
+    table : AlbedoTable
+    coefficients : (3, terms) float, or three sequences of `terms` Dr.Jit arrays
+        By channel, as `Basis.coefficients` and `Material.rgb_coefficients` return them.
+
+    Examples
+    --------
+    >>> from fresnel_decomp import AlbedoTable, load_basis
+    >>> basis = load_basis()
+    >>> table = AlbedoTable.bake(basis, size=16)
+    >>> gold = SplitAlbedo(table, basis.coefficients([0.13, 0.43, 1.38], [3.9, 2.5, 1.9]))
+    >>> gold(0.5, 0.3).shape
+    (3,)
+    """
+
+    table: AlbedoTable
+    coefficients: Any
+
+    def __post_init__(self) -> None:
+        rows = list(self.coefficients)
+        lengths = sorted({len(row) if hasattr(row, "__len__") else 1 for row in rows})
+        if len(rows) != 3 or lengths != [self.table.terms]:
+            raise input_error(
+                f"coefficients of {len(rows)} channels with {', '.join(map(str, lengths))} terms",
+                f"3 channels with {self.table.terms} terms, as the table has",
+                "Make both from one basis; repeat a grey material three times.",
+            )
+
+    def __call__(self, mu: Any, alpha: Any) -> Any:
+        """(..., 3) float array, or a tuple of three Dr.Jit arrays."""
+        functions = self.table.lookup(mu, alpha)
+        if not is_drjit(mu, alpha):
+            return functions @ np.asarray(self.coefficients, functions.dtype).T
+        kind = type(functions[0])
+        return tuple(
+            sum(
+                (_value(kind, c) * b for c, b in zip(row[1:], functions[1:], strict=True)),
+                _value(kind, row[0]) * functions[0],
+            )
+            for row in self.coefficients
+        )
+
+
+def _value(kind: Any, value: Any) -> Any:
+    """A number that is no part of the kernel, so that the next material needs no new one."""
+    dr = drjit_module()
+    assert dr is not None
+    if is_drjit(value):
+        return value
+    return dr.opaque(kind, float(value)) if dr.is_jit_v(kind) else float(value)
+
+
+def _schlick_functions(cos_theta: np.ndarray) -> np.ndarray:
+    x = 1.0 - cos_theta
+    return np.stack([1.0 - x**5, x**5, -cos_theta * x**6], axis=-1)
+
+
+@functools.lru_cache(maxsize=4)
+def schlick_table(size: int = 64, smith: Smith = "separable") -> AlbedoTable:
+    """Karis's table of A and B, with a third function for F82.
+
+    Schlick's curve with its correction is F0 (1 - (1 - c)^5) + (1 - c)^5 - a c (1 - c)^6, linear
+    in (F0, 1, a), so its albedo is F0 A + B + a C.
+    """
+    return AlbedoTable.bake(_schlick_functions, size, smith)
+
+
+def schlick_albedo(f0: ArrayLike, table: AlbedoTable | None = None) -> SplitAlbedo:
+    """F0 A + B (Karis 2013) for (3,) reflectances at normal incidence; see `schlick_table`."""
+    return f82_albedo(f0, None, table)
+
+
+def f82_albedo(
+    f0: ArrayLike, f82: ArrayLike | None, table: AlbedoTable | None = None
+) -> SplitAlbedo:
+    """Albedo of Schlick's curve bent through a given reflectance at cos = 1/7 (Hoffman 2019).
+
+    Parameters
+    ----------
+    f0, f82 : (3,) float
+        Reflectances at normal incidence and at cos = 1/7; None for Schlick's curve as it is.
+    table : AlbedoTable, optional
+        Of `schlick_table`; the default one if none is given.
+    """
+    f0 = np.broadcast_to(np.asarray(f0, np.float64), 3)
+    bend = np.zeros(3) if f82 is None else bend_factor(f0, np.asarray(f82, np.float64))
+    return SplitAlbedo(table or schlick_table(), np.stack([f0, np.ones(3), bend], axis=-1))
+
+
+def integrated_albedo(
+    curve: Callable[[Any], Any], alpha: float, smith: Smith = "separable"
+) -> SplitAlbedo:
+    """Albedo of any curve at one roughness, by `directional_albedo` at 1,025 cosines.
+
+    Parameters
+    ----------
+    curve : callable from (..., 1) cosines to (..., 3) reflectances
+        Such as `Exact(eta, k)` with (3,) indices.
+    alpha : float >= 0
+        The result is for this roughness, whatever it is called with.
+    """
+    root = np.linspace(0.0, 1.0, _COSINES)
+    values = directional_albedo(
+        lambda cos_theta: curve(cos_theta[..., None]), root * root, float(alpha), smith=smith
+    )
+    layout = Layout(_COSINES, 2)
+    table = AlbedoTable(np.stack([values, values]), layout, smith)  # both rows alike
+    return SplitAlbedo(table, np.eye(3))
+
+
+@dataclass(frozen=True, eq=False)
+class SplitMaterial:
+    """What `render_split_sum` needs of a material.
+
+    Attributes
+    ----------
+    albedo : callable (mu, alpha) to three channels, such as a `SplitAlbedo`
+    alpha : float in [0, 1], roughness of GGX
+    """
+
+    albedo: Callable[[Any, Any], Any]
+    alpha: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.alpha <= 1.0:
+            raise input_error(
+                f"alpha={self.alpha}", "a number in [0, 1]", "It is the square of the perceptual."
+            )
+
+
+def shade(
+    light: PrefilteredLight,
+    albedo: Callable[[Any, Any], Any],
+    normal: Any,
+    view: Any,
+    alpha: Any,
+) -> Any:
+    """Radiance towards the viewer by the split-sum.
+
+    Parameters
+    ----------
+    light : PrefilteredLight
+    albedo : callable (mu, alpha) to three channels
+    normal, view : (..., 3) float arrays, or three Dr.Jit arrays each, as `mi.Vector3f` has them
+        Unit vectors; view points to the viewer.
+    alpha : (...) float in [0, 1]
+
+    Returns
+    -------
+    (..., 3) float array, or a tuple of three Dr.Jit arrays: 0 where the viewer is below the
+    surface. Differentiable in the normal, the view, alpha and what the albedo depends on.
+    """
+    normal, view = as_vector(normal), as_vector(view)
+    if isinstance(normal, tuple):
+        dr = drjit_module()
+        assert dr is not None
+        cosine = normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]
+        mirrored = [2.0 * cosine * n - v for n, v in zip(normal, view, strict=True)]
+        alpha = _value(type(cosine), alpha)
+        radiance = light.lookup(mirrored, alpha)
+        reflectance = albedo(dr.minimum(dr.maximum(cosine, 0.0), 1.0), alpha)
+        return tuple(
+            dr.select(cosine > 0.0, a * b, 0.0) for a, b in zip(radiance, reflectance, strict=True)
+        )
+    cosine = np.sum(normal * view, axis=-1)
+    mirrored = 2.0 * cosine[..., None] * normal - view
+    product = light.lookup(mirrored, alpha) * albedo(np.clip(cosine, 0.0, 1.0), alpha)
+    return np.where(cosine[..., None] > 0.0, product, 0.0)
+
+
+# --- what a scene shows --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class VisibleSurface:
+    """What the camera of a scene sees first, for every sample of every pixel.
+
+    Samples of a pixel are neighbours. Arrays are Dr.Jit's in vectorised variants, else NumPy's,
+    with (n, 3) for vectors.
+
+    Attributes
+    ----------
+    size : (width, height)
+    spp : int
+    normal, view : vectors
+        Shading normal, and direction to the camera.
+    shape : integers
+        Index into `names`, -1 where nothing is seen.
+    names : tuple of str
+        Of the shapes of the scene.
+    """
+
+    size: tuple[int, int]
+    spp: int
+    normal: Any
+    view: Any
+    shape: Any
+    names: tuple[str, ...]
+
+    def coverage(self) -> np.ndarray:
+        """(height, width) float64: the share of each pixel's samples that see a shape."""
+        width, height = self.size
+        seen = np.array(self.shape) >= 0
+        return seen.reshape(height, width, self.spp).mean(axis=2)
+
+
+def visible_surface(scene: Any, spp: int = 16, seed: int = 0) -> VisibleSurface:
+    """Trace the camera rays of a scene, jittered on a grid in every pixel.
+
+    Parameters
+    ----------
+    scene : mi.Scene
+        Its first sensor is used.
+    spp : int, a square number
+    seed : int
+    """
+    import mitsuba as mi
+
+    side = math.isqrt(max(spp, 0))
+    if spp < 1 or side * side != spp:
+        raise input_error(f"spp={spp}", "a square number ≥ 1", "16 gives smooth edges.")
+    sensor = scene.sensors()[0]
+    width, height = (int(n) for n in sensor.film().crop_size())
+    jitter = np.random.default_rng(seed).random((height, width, spp, 2))
+    cell = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1).reshape(-1, 2)
+    inside = (cell + jitter) / side
+    pixel = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)[:, :, None]
+    position = ((pixel + inside) / [width, height]).reshape(-1, 2).astype(np.float32)
+    shapes = scene.shapes()
+    names = tuple(shape.id() for shape in shapes)
+    trace = _trace_one_by_one if str(mi.variant()).startswith("scalar") else _trace
+    return VisibleSurface((width, height), spp, *trace(scene, sensor, position, shapes), names)
+
+
+def _trace(scene: Any, sensor: Any, position: np.ndarray, shapes: Any) -> tuple[Any, Any, Any]:
+    import drjit as dr
+    import mitsuba as mi
+
+    film = mi.Point2f(*(mi.Float(np.ascontiguousarray(column)) for column in position.T))
+    ray, _ = sensor.sample_ray(mi.Float(0.0), mi.Float(0.5), film, mi.Point2f(0.5))
+    si = scene.ray_intersect(ray)
+    index = dr.full(mi.Int32, -1, len(position))
+    for i, shape in enumerate(shapes):
+        seen = si.is_valid() & (si.shape == mi.ShapePtr(shape))
+        index = dr.select(seen, i, index)
+    normal, view = mi.Vector3f(si.sh_frame.n), -ray.d
+    dr.eval(normal, view, index)
+    return normal, view, index
+
+
+def _trace_one_by_one(
+    scene: Any, sensor: Any, position: np.ndarray, shapes: Any
+) -> tuple[Any, Any, Any]:
+    import mitsuba as mi
+
+    normal, view = np.zeros((2, len(position), 3))
+    index = np.full(len(position), -1)
+    for i, (x, y) in enumerate(position.tolist()):
+        ray, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))
+        si = scene.ray_intersect(ray)
+        view[i] = -np.array(ray.d)
+        if si.is_valid():
+            normal[i] = np.array(si.sh_frame.n)
+            index[i] = next((j for j, shape in enumerate(shapes) if shape == si.shape), -1)
+    return normal, view, index
+
+
+def render_split_sum(
+    surface: VisibleSurface,
+    light: PrefilteredLight,
+    materials: SplitMaterial | Mapping[str, SplitMaterial],
+    *,
+    background: bool = True,
+) -> Any:
+    """A picture by the split-sum: light from the environment only, without shadows.
+
+    Parameters
+    ----------
+    surface : VisibleSurface
+        Trace it once and shade it as often as needed.
+    light : PrefilteredLight
+        Of the environment that lights the scene.
+    materials : SplitMaterial, or mapping from names of shapes to them
+        One for all shapes, or one for each.
+    background : bool
+        Show the environment where no shape is; else it is black.
+
+    Returns
+    -------
+    (height, width, 3) mi.TensorXf
+        Linear sRGB, pixels averaged by a box filter; differentiable as `shade` is.
+    """
+    import mitsuba as mi
+
+    named: list[tuple[Any, SplitMaterial]]
+    if isinstance(materials, SplitMaterial):
+        named = [(surface.shape >= 0, materials)]
+    else:
+        chosen = [choose("material for shape", n, materials) for n in surface.names]
+        named = [(surface.shape == i, materials[name]) for i, name in enumerate(chosen)]
+    vectorised = is_drjit(surface.normal)
+    colour: Any = (0.0, 0.0, 0.0) if vectorised else np.zeros((len(surface.shape), 3))
+    if background:
+        away = -surface.view
+        sky = light.lookup(away, type(away[0])(0.0) if vectorised else 0.0)
+        colour = _where(surface.shape < 0, sky, colour)
+    for seen, material in named:
+        lit = shade(light, material.albedo, surface.normal, surface.view, material.alpha)
+        colour = _where(seen, lit, colour)
+    width, height = surface.size
+    if not vectorised:
+        pixels = colour.reshape(height, width, surface.spp, 3).mean(axis=2)
+        return mi.TensorXf(np.ascontiguousarray(pixels, np.float32))
+    return _picture(colour, (height, width), surface.spp)
+
+
+def _where(mask: Any, first: Any, second: Any) -> Any:
+    if not is_drjit(mask):
+        return np.where(mask[:, None], first, second)
+    dr = drjit_module()
+    assert dr is not None
+    return tuple(dr.select(mask, a, b) for a, b in zip(first, second, strict=True))
+
+
+def _picture(colour: Any, shape: tuple[int, int], spp: int) -> Any:
+    """Average the samples of each pixel, with gradients."""
+    import drjit as dr
+    import mitsuba as mi
+
+    count = shape[0] * shape[1]
+    values = dr.zeros(mi.Float, 3 * count)
+    for c, channel in enumerate(colour):
+        mean = dr.block_sum(channel + dr.zeros(mi.Float, count * spp), spp) / spp
+        dr.scatter(values, mean, 3 * dr.arange(mi.UInt32, count) + c)
+    return mi.TensorXf(values, (*shape, 3))
