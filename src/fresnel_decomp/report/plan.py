@@ -37,8 +37,8 @@ def summary(planned: ScenePlan) -> list[str | list[list[str]]]:
     if plan.table is not None:
         table = plan.table
         parts.append(
-            f"For image-based light: a table of {table.size} x {table.size} x {table.channels} half "
-            f"floats, {table.nbytes} bytes, adds {table.error:.1e}."
+            f"For image-based light: a table of {table.size} x {table.size} x {table.channels} "
+            f"half floats, {table.nbytes} bytes, adds {table.error:.1e}."
         )
     if not plan.choices:
         parts.append("No conductor to plan for: nothing to carry.")
