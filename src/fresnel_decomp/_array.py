@@ -20,6 +20,7 @@ __all__ = [
     "DrJitOps",
     "NumPyOps",
     "Ops",
+    "drjit_constant",
     "drjit_module",
     "floating_type",
     "is_drjit",
@@ -248,6 +249,22 @@ def floating_type(*values: Any) -> np.dtype:
     typed = [value.dtype for value in values if isinstance(value, np.ndarray | np.generic)]
     typed = [dtype for dtype in typed if dtype.kind == "f"]
     return np.result_type(*typed) if typed else np.dtype(np.float64)
+
+
+def drjit_constant(kind: Any, values: Any) -> Any:
+    """Numbers as a flat Dr.Jit array of type `kind`, in memory of Dr.Jit.
+
+    NumPy's memory, mapped, would have kernels compiled anew by accidental alignment.
+    """
+    dr = drjit_module()
+    assert dr is not None
+    flat = np.asarray(values).ravel()
+    flat = flat.astype(np.float64) if flat.dtype.kind == "f" else flat
+    if not dr.is_jit_v(kind):
+        return kind(flat.tolist())
+    copy = kind(flat) + dr.opaque(kind, 0)
+    dr.eval(copy)
+    return copy
 
 
 def multiply_add(a: Any, b: Any, c: Any) -> Any:

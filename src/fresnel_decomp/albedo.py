@@ -30,7 +30,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ._array import DrJitOps, Ops, drjit_module, floating_type, is_drjit, one_kind, ops_for
+from ._array import (
+    DrJitOps,
+    Ops,
+    drjit_constant,
+    drjit_module,
+    floating_type,
+    is_drjit,
+    one_kind,
+    ops_for,
+)
 from ._check import choose, input_error
 from .microfacet import (
     SMITH,
@@ -342,7 +351,7 @@ def _on_drjit(f: Fresnel, mu: Any, alpha: Any, smith: str, shape: Shape, nodes: 
     mirror = f(mu)
     total = tuple(dr.detach(0.0 * value + 0.0 * (mu + alpha)) for value in _as_tuple(mirror))
     if dr.is_jit_v(result):
-        columns = [_copied(dr, result, column) for column in np.array(rows).T]
+        columns = [drjit_constant(result, column) for column in np.array(rows).T]
         index = dr.uint32_array_t(result)
 
         def body(i: Any, view: tuple[Any, ...], totals: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -374,13 +383,6 @@ def _as_tuple(values: Any) -> tuple[Any, ...]:
 def _clamped(dr: Any, value: Any) -> Any:
     """`value` in [0, 1]; dr.clip would have no derivative at the ends."""
     return dr.select(value < 0.0, 0.0, dr.select(value > 1.0, 1.0, value))
-
-
-def _copied(dr: Any, kind: Any, column: np.ndarray) -> Any:
-    """A NumPy array in memory of Dr.Jit: mapped arrays recompile by accidental alignment."""
-    copy = kind(column) + dr.opaque(kind, 0.0)
-    dr.eval(copy)
-    return copy
 
 
 def _check_scalar(name: str, value: Any) -> None:

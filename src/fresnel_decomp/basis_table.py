@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ._array import drjit_module, is_drjit, one_kind
+from ._array import drjit_constant, drjit_module, is_drjit, one_kind
 from ._check import choose, input_error
 from .closed_form import check_terms, read_only
 
@@ -141,9 +141,7 @@ class BasisTable:
             dr.float16_array_t(kind) if self.storage == "float16" else single
         )
         if stored not in self._on_device:
-            flat = stored(self.samples.ravel().astype(np.float64))
-            dr.make_opaque(flat)
-            self._on_device[stored] = flat
+            self._on_device[stored] = drjit_constant(stored, self.samples)
         return self._on_device[stored]
 
 

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from ._array import drjit_module
+from ._array import drjit_constant, drjit_module
 from ._check import input_error
 
-__all__ = ["FastCurves", "Packets", "drjit_constant", "packets"]
+__all__ = ["FastCurves", "Packets", "packets"]
 
 INTERVALS = 4096
 
@@ -114,15 +114,3 @@ def packets(kind: Any, rows: np.ndarray) -> Packets:
         packet = getattr(importlib.import_module(kind.__module__), name)
         rows = np.pad(rows, ((0, 0), (0, -width % 4)))
     return Packets(kind, width, rows.shape[1], drjit_constant(kind, rows), packet)
-
-
-def drjit_constant(kind: Any, values: np.ndarray) -> Any:
-    """Values in memory of Dr.Jit: NumPy's, mapped, would recompile by accidental alignment."""
-    dr = drjit_module()
-    assert dr is not None
-    flat = np.ascontiguousarray(values, np.float64).ravel()
-    if not dr.is_jit_v(kind):
-        return kind(flat.tolist())
-    copy = kind(flat) + dr.opaque(kind, 0.0)
-    dr.eval(copy)
-    return copy

@@ -16,13 +16,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ._array import drjit_module, floating_type, is_drjit, one_kind
+from ._array import drjit_constant, drjit_module, floating_type, is_drjit, one_kind
 from ._check import choose, input_error
 from ._version import __version__
 from .albedo import Quadrature, directional_albedo
 from .basis import Basis
 from .closed_form import check_terms
-from .fast_curves import FastCurves, drjit_constant, packets
+from .fast_curves import FastCurves, packets
 from .microfacet import DISTRIBUTIONS, SMITH, Distribution, Smith
 from .table_layout import Layout
 

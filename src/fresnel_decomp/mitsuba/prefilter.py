@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._array import drjit_module, is_drjit
+from .._array import drjit_constant, drjit_module, is_drjit
 from .._check import input_error
 from .environment import Environment, as_vector, fetch, row_weights
 
@@ -109,7 +109,10 @@ class PrefilteredLight:
         index = dr.int32_array_t(kind)
         if kind not in self._on_device:
             data, layout = self._packed
-            self._on_device[kind] = _copied(kind, data), [_copied(index, c) for c in layout]
+            self._on_device[kind] = (
+                drjit_constant(kind, data),
+                [drjit_constant(index, c) for c in layout],
+            )
         texels, tables = self._on_device[kind]
         last = len(self.levels) - 1
         alpha = alpha if is_drjit(alpha) else kind(float(alpha))
@@ -121,17 +124,6 @@ class PrefilteredLight:
             for level in (lower, lower + 1)
         )
         return tuple(a + t * (b - a) for a, b in zip(smooth, rough, strict=True))
-
-
-def _copied(kind: Any, values: NDArray[Any]) -> Any:
-    """Values in memory of Dr.Jit: NumPy's, mapped, would recompile by accidental alignment."""
-    dr = drjit_module()
-    assert dr is not None
-    if not dr.is_jit_v(kind):
-        return kind(values.tolist())
-    copy = kind(values) + dr.opaque(kind, 0)
-    dr.eval(copy)
-    return copy
 
 
 def prefilter(
