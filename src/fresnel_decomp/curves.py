@@ -64,6 +64,10 @@ class CurveSet:
     def __len__(self) -> int:
         return len(self.eta)
 
+    def take(self, rows: Any) -> CurveSet:
+        """The curves with these indices, or where a mask is true."""
+        return CurveSet(self.name, self.eta[rows], self.k[rows])
+
     def reflectance(self, cos_theta: Any) -> np.ndarray:
         """(n, m) exact reflectances at (m,) cosines."""
         cos_theta = np.asarray(cos_theta, np.float64)
