@@ -58,27 +58,23 @@ class Problem:
     def _quadratic(self, weights: Mapping[str, float]) -> None:
         """Mean square = constant + |Z - Z_0|², with X = A^-T Z B^-1."""
         training = self.training
-        functions = self.evaluate(training.points)
-        fixed, free = functions
-        if training.operator is not None:
-            fixed, free = fixed @ training.operator.T, free @ training.operator.T
+        fixed, free = (
+            training.observe(lambda c, i=i: self.evaluate(c)[i], self.everywhere[i]) for i in (0, 1)
+        )
         gram = np.zeros((len(fixed),) * 2)
-        cross = np.zeros((len(fixed), len(training.points)))
+        cross = np.zeros_like(fixed)
         square = 0.0
         for name, weight in weights.items():
-            t, nodes = training.t_fitted[name], self.at_nodes[name]
+            seen, nodes = training.seen[name], self.at_nodes[name]
             if training.fitted is not training.bounded:
                 nodes = transmittances(training.fitted[name], self.cosines)
-            scaled = nodes.T * (weight / len(t))
+            scaled = nodes.T * (weight / len(seen))
             gram += scaled @ nodes
-            cross += scaled @ t
-            seen = t if training.operator is None else t @ training.operator.T
+            cross += scaled @ seen
             error = seen - nodes @ fixed
             square += (
-                weight / len(t) * float(np.einsum("im,im,m->", error, error, training.weights))
+                weight / len(seen) * float(np.einsum("im,im->m", error, error) @ training.weights)
             )
-        if training.operator is not None:
-            cross = cross @ training.operator.T
         right = ((cross - gram @ fixed) * training.weights) @ free.T
         a = np.linalg.cholesky(gram)
         b = np.linalg.cholesky((free * training.weights) @ free.T)

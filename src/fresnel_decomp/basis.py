@@ -607,7 +607,7 @@ def _regressed(name: str, recipe: RegressionRecipe, terms: int) -> Basis:
         "given_nodes": list(design.nodes),
         "pole": design.pole,
         "degrees": list(design.degrees),
-        "objective": recipe.objective,
+        "objective": recipe.objective._asdict(),
         "weights": dict(recipe.weights),
         "bounds": dict(design.bounds),
         "versions": {

@@ -24,20 +24,39 @@ violated (cutting planes). Nodes and pole are searched for outside (`node_search
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import NamedTuple
 
 import numpy as np
 
-from ._check import choose, input_error
+from ._check import input_error
 from ._programmes import Problem, transmittances
 from .closed_form import ClosedForm
 from .curves import CurveSet
 
-__all__ = ["Design", "Objective", "Regression", "Training", "least_largest_error", "regress"]
+__all__ = [
+    "Design",
+    "Objective",
+    "Regression",
+    "Training",
+    "albedo_operator",
+    "least_largest_error",
+    "regress",
+]
 
-Objective = Literal["reflectance", "albedo"]
+
+class Objective(NamedTuple):
+    """What is squared: weights of two mean square errors.
+
+    reflectance : of the reflectance, uniform over the cosine in [0, 1]
+    albedo : of the directional albedo (GGX, separable Smith), uniform over the view's cosine in
+        [0, 1] and alpha in `ALBEDO_ROUGHNESS`
+    """
+
+    reflectance: float = 1.0
+    albedo: float = 0.0
+
 
 ALBEDO_ROUGHNESS = (0.08, 1.0)
 """Range of alpha over which the objective "albedo" averages."""
@@ -84,10 +103,7 @@ class Training:
     Parameters
     ----------
     sets : mapping from names to `CurveSet`
-    objective : {"reflectance", "albedo"}
-        What is squared: the error of the reflectance, averaged uniformly over the cosine; or that
-        of the directional albedo (separable GGX), averaged uniformly over the view's cosine in
-        [0, 1] and alpha in `ALBEDO_ROUGHNESS`.
+    objective : Objective
     angles : int
         Bounds hold at about that many cosines, dense at grazing incidence.
     """
@@ -95,25 +111,32 @@ class Training:
     def __init__(
         self,
         sets: Mapping[str, CurveSet],
-        objective: Objective = "reflectance",
+        objective: Objective = Objective(),  # noqa: B008 (immutable)
         angles: int = 340,
     ) -> None:
-        choose("objective", objective, ("reflectance", "albedo"))
         self.sets = dict(sets)
+        self.objective = Objective(*objective)
         self.fitted = self.bounded = self.sets
         self.cos_theta = _cosines(angles)
         self.t_bounded = {
             name: transmittances(members, self.cos_theta) for name, members in sets.items()
         }
-        if objective == "reflectance":
-            self.points, self.operator = self.cos_theta, None
-            self.weights = _trapezoid(self.cos_theta)
-            self.t_fitted = self.t_bounded
-        else:
-            self.points, self.operator, self.weights = _albedo_operator()
-            self.t_fitted = {
-                name: transmittances(members, self.points) for name, members in sets.items()
-            }
+        self.points, self.operator, weights = albedo_operator()
+        self.weights = np.concatenate(
+            [objective[0] * _trapezoid(self.cos_theta), objective[1] * weights]
+        )
+        self.seen = {
+            name: self.observe(lambda c, s=members: transmittances(s, c), self.t_bounded[name])
+            for name, members in sets.items()
+        }
+
+    def observe(
+        self, functions: Callable[[np.ndarray], np.ndarray], at_cosines: np.ndarray
+    ) -> np.ndarray:
+        """What is squared, of functions: their values at `cos_theta`, their albedos."""
+        if not self.objective.albedo:
+            return np.pad(at_cosines, ((0, 0), (0, len(self.operator))))
+        return np.hstack([at_cosines, functions(self.points) @ self.operator.T])
 
     def thinned(self, keep: Mapping[str, set[int]], stride: int = 8) -> Training:
         """Every `stride`-th curve of sets with more than 500, and those to `keep` for bounds."""
@@ -122,7 +145,7 @@ class Training:
         bounded = {n: np.union1d(rows, sorted(keep.get(n, ()))) for n, rows in fitted.items()}
         thin = copy.copy(self)
         thin.fitted = {n: self.sets[n].take(rows) for n, rows in fitted.items()}
-        thin.t_fitted = {n: self.t_fitted[n][rows] for n, rows in fitted.items()}
+        thin.seen = {n: self.seen[n][rows] for n, rows in fitted.items()}
         thin.bounded = {n: self.sets[n].take(rows.astype(int)) for n, rows in bounded.items()}
         thin.t_bounded = {n: self.t_bounded[n][rows.astype(int)] for n, rows in bounded.items()}
         return thin
@@ -213,7 +236,7 @@ def _trapezoid(cos_theta: np.ndarray) -> np.ndarray:
     return (gaps[1:] + gaps[:-1]) / 2.0
 
 
-def _albedo_operator(size: int = 128) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def albedo_operator(size: int = 128) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(points, operator, weights): values at points to directional albedos, Gauss rules.
 
     A curve's Chebyshev interpolant in 2 cos_theta - 1 is integrated in its place.
