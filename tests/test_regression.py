@@ -255,7 +255,8 @@ def measured():
     return of
 
 
-NAMES = ["a", "cp", "low", pytest.param("d", marks=pytest.mark.slow)]
+SLOW = pytest.mark.slow
+NAMES = ["a", "low", pytest.param("cp", marks=SLOW), pytest.param("d", marks=SLOW)]
 
 
 @pytest.mark.parametrize("name", NAMES)

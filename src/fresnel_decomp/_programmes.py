@@ -58,9 +58,8 @@ class Problem:
     def _quadratic(self, weights: Mapping[str, float]) -> None:
         """Mean square = constant + |Z - Z_0|², with X = A^-T Z B^-1."""
         training = self.training
-        fixed, free = (
-            training.observe(lambda c, i=i: self.evaluate(c)[i], self.everywhere[i]) for i in (0, 1)
-        )
+        fixed = training.observe(lambda c: self.evaluate(c).fixed, self.everywhere.fixed)
+        free = training.observe(lambda c: self.evaluate(c).free, self.everywhere.free)
         gram = np.zeros((len(fixed),) * 2)
         cross = np.zeros_like(fixed)
         square = 0.0

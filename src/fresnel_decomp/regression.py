@@ -24,6 +24,7 @@ violated (cutting planes). Nodes and pole are searched for outside (`node_search
 from __future__ import annotations
 
 import copy
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -126,7 +127,7 @@ class Training:
             [objective[0] * _trapezoid(self.cos_theta), objective[1] * weights]
         )
         self.seen = {
-            name: self.observe(lambda c, s=members: transmittances(s, c), self.t_bounded[name])
+            name: self.observe(functools.partial(transmittances, members), self.t_bounded[name])
             for name, members in sets.items()
         }
 
