@@ -3,11 +3,13 @@
     python scripts/accuracy_table.py --out accuracy.json
     python scripts/accuracy_table.py --variations
 
-Prints three Markdown tables: errors ("largest / RMSE"), where the largest errors are, and the nodes
-of the bases. The sets are those of `fresnel_decomp.curves`: a (dielectrics), cp (Gulbrandsen's
-parameters), d (every measured material that ships with Mitsuba), low (low-index conductors). The
-largest error is over all of `curves.error_cosines`, which is dense at grazing incidence; the RMSE
-is over 2,049 cosines, uniform on [0, 1], and all curves of the set. Fits that `Basis.coefficients`
+Prints four Markdown tables: errors ("largest / RMSE"), those of the directional albedo ("mean /
+RMSE"), where the largest errors are, and the nodes of the bases. The sets are those of
+`fresnel_decomp.curves`: a (dielectrics), cp (Gulbrandsen's parameters), d (every measured material
+that ships with Mitsuba), low (low-index conductors). The largest error is over all of
+`curves.error_cosines`, which is dense at grazing incidence; the RMSE is over 2,049 cosines, uniform
+on [0, 1], and all curves of the set. The albedo is that of a rough surface (GGX, separable Smith),
+averaged over the view's cosine in [0, 1] and alpha in [.08, 1]. Fits that `Basis.coefficients`
 would refuse are kept, so that nothing is left out.
 
 With --variations the models are instead the two recipes of four terms with one choice changed.
@@ -41,7 +43,9 @@ from fresnel_decomp import (
     load_basis,
 )
 from fresnel_decomp._files import write_json, write_text
+from fresnel_decomp.regression import albedo_operator
 
+RECIPE_ORDER = ("notebook", *(recipe for recipe in RECIPES if recipe != "notebook"))
 SETS: dict[str, Callable[[], CurveSet]] = {
     "a": curves.dielectrics,
     "cp": curves.gulbrandsen_grid,
@@ -67,6 +71,9 @@ class Errors:
     worst_eta: float
     worst_k: float
     worst_degrees: float
+    albedo_mean: float
+    """Mean absolute error of the directional albedo."""
+    albedo_rmse: float
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -90,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         }
     print(error_table(results))
     if not options.variations:
-        print("", worst_table(results), "", basis_table(), sep="\n")
+        print("", albedo_table(results), "", worst_table(results), "", basis_table(), sep="\n")
     for path in options.out:
         write(path, results, {name: len(curve_set) for name, curve_set in chosen.items()})
 
@@ -103,7 +110,7 @@ def fits(cos_theta: Array) -> dict[str, Fit]:
         "F82": lambda eta, k: F82.from_ior(eta[:, None], k[:, None])(cos_theta),
         **{
             f"{recipe}, {terms} terms": decomposition(load_basis(recipe, terms), cos_theta)
-            for recipe in ("notebook", "talk")
+            for recipe in RECIPE_ORDER
             for terms in TERMS
         },
     }
@@ -156,13 +163,16 @@ def measure(
     cos_theta, uniform = curves.error_cosines()
     functions = models(cos_theta)
     functions = {name: functions[name] for name in (only or functions)}
+    points, operator, weights = albedo_operator()
+    at_points = models(points)
     largest = {name: np.zeros(len(curve_set)) for name in functions}
     place = {name: np.zeros(len(curve_set), int) for name in functions}
     sums = {name: np.zeros(2) for name in functions}
+    albedo = {name: np.zeros(2) for name in functions}
     for start in range(0, len(curve_set), CHUNK):
         rows = slice(start, min(start + CHUNK, len(curve_set)))
         eta, k = curve_set.eta[rows], curve_set.k[rows]
-        exact = CurveSet(curve_set.name, eta, k).reflectance(cos_theta)
+        exact, exact_at_points = (curve_set.take(rows).reflectance(c) for c in (cos_theta, points))
         for name, fit in functions.items():
             error = fit(eta, k)
             np.abs(np.subtract(error, exact, out=error), out=error)
@@ -170,10 +180,13 @@ def measure(
             largest[name][rows] = error[np.arange(len(at)), at]
             first = error[:, : len(uniform)]
             sums[name] += first.sum(), np.einsum("ij,ij->", first, first)
+            error = np.abs((at_points[name](eta, k) - exact_at_points) @ operator.T)
+            albedo[name] += (error @ weights).sum(), (error**2 @ weights).sum()
         advance(len(eta))
     results = {}
     for name in functions:
         mean, square = sums[name] / (len(curve_set) * len(uniform))
+        albedo_mean, albedo_square = albedo[name] / len(curve_set)
         worst = int(largest[name].argmax())
         results[name] = Errors(
             max=float(largest[name][worst]),
@@ -183,6 +196,8 @@ def measure(
             worst_eta=float(curve_set.eta[worst]),
             worst_k=float(curve_set.k[worst]),
             worst_degrees=float(np.degrees(np.arccos(cos_theta[place[name][worst]]))),
+            albedo_mean=float(albedo_mean),
+            albedo_rmse=float(np.sqrt(albedo_square)),
         )
     return results
 
@@ -193,6 +208,15 @@ def error_table(results: dict[str, dict[str, Errors]]) -> str:
         results,
         "largest error / RMSE",
         lambda e: f"{e.max:.4f} / {e.rmse:.4f}",
+    )
+
+
+def albedo_table(results: dict[str, dict[str, Errors]]) -> str:
+    """Mean error and RMSE of the directional albedo, of each model on each set."""
+    return _models_by_sets(
+        results,
+        "albedo: mean error / RMSE",
+        lambda e: f"{e.albedo_mean:.5f} / {e.albedo_rmse:.5f}",
     )
 
 
@@ -214,9 +238,8 @@ def basis_table() -> str:
             form = basis.closed_form
             nodes = ", ".join(f"{node:.5g}" for node in basis.nodes)
             degrees = f"{form.numerators.shape[1]} / {form.denominator.size - 1}"
-            rows.append(
-                [recipe, str(terms), nodes, f"{basis.condition:.2f}", degrees, f"{form.error:.1e}"]
-            )
+            error = f"{form.error:.1e}" if form.error > 1e-11 else "exact"
+            rows.append([recipe, str(terms), nodes, f"{basis.condition:.2f}", degrees, error])
     head = ["recipe", "terms", "nodes (radians)", "condition", "degrees", "closed-form error"]
     return markdown(head, rows)
 

@@ -23,10 +23,11 @@ from fresnel_decomp import (
     load_basis,
 )
 from fresnel_decomp.curves import talk_training_set
-from fresnel_decomp.extraction import RECIPES, extract
+from fresnel_decomp.extraction import RECIPES, SVD_RECIPES, extract
 from oracles import central_difference, textbook
 
 SHIPPED = [(recipe, terms) for recipe in RECIPES for terms in (3, 4, 5, 6)]
+BY_SVD = [(recipe, terms) for recipe, terms in SHIPPED if recipe in SVD_RECIPES]
 ETA = np.array([1.5, 0.2, 2.4, 1.33, 0.9, 4.0])
 K = np.array([0.0, 3.4, 0.5, 1e-4, 2.0, 6.0])
 
@@ -35,14 +36,14 @@ K = np.array([0.0, 3.4, 0.5, 1e-4, 2.0, 6.0])
 def extractions():
     return {
         name: extract(recipe.training(), 6, recipe.rule, recipe.nodes, recipe.grid)
-        for name, recipe in RECIPES.items()
+        for name, recipe in SVD_RECIPES.items()
     }
 
 
 # --- what ships ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("recipe", RECIPES)
+@pytest.mark.parametrize("recipe", SVD_RECIPES)
 def test_reference_basis(recipe, reference):
     table = np.loadtxt(reference / f"{recipe}_basis.csv", delimiter=",", skiprows=1)
     functions = load_basis(recipe)(table[:, 0])
@@ -50,7 +51,7 @@ def test_reference_basis(recipe, reference):
     np.testing.assert_allclose(functions[:, 1:], table[:, 1:], rtol=0.0, atol=1e-6)
 
 
-@pytest.mark.parametrize("recipe", RECIPES)
+@pytest.mark.parametrize("recipe", SVD_RECIPES)
 def test_reference_coefficients(recipe, reference):
     table = np.loadtxt(reference / f"{recipe}_coefficients.csv", delimiter=",", skiprows=1)
     assert len(table) == 15
@@ -58,7 +59,7 @@ def test_reference_coefficients(recipe, reference):
     np.testing.assert_allclose(found, table[:, 2:], rtol=0.0, atol=1e-6)
 
 
-@pytest.mark.parametrize(("recipe", "terms"), SHIPPED)
+@pytest.mark.parametrize(("recipe", "terms"), BY_SVD)
 def test_shipped_equals_a_rebuild(extractions, recipe, terms):
     basis, extraction = load_basis(recipe, terms), extractions[recipe]
     cos_theta = np.concatenate([np.linspace(0.0, 1.0, 1501), np.geomspace(1e-7, 0.1, 200)])
@@ -88,8 +89,11 @@ def test_shipped_equals_the_whole_extraction(recipe, terms):
 def test_provenance(recipe, terms):
     basis = load_basis(recipe, terms)
     assert (basis.recipe, basis.terms) == (recipe, terms)
-    expected = {"recipe": recipe, "terms": terms, "training_set": recipe}
-    expected["training_curves"] = {"talk": 999, "notebook": 1000}[recipe]
+    expected = {"recipe": recipe, "terms": terms, "training_set": "a, cp, d, low"}
+    expected["training_curves"] = 19593
+    if recipe in SVD_RECIPES:
+        expected["training_set"] = recipe
+        expected["training_curves"] = {"talk": 999, "notebook": 1000}[recipe]
     assert expected.items() <= basis.provenance.items()
     assert {"fresnel_decomp", "numpy"} <= basis.provenance["versions"].keys()
     rounded = np.round(basis.series, 12).astype("<f8").tobytes()
@@ -102,7 +106,7 @@ def test_ends(recipe, terms):
     expected = [[1, 1, *[0] * (terms - 2)], [1, *[0] * (terms - 1)]]
     np.testing.assert_array_equal(functions[:, 0], 1.0)
     # the notebook's b_2 and b_3 themselves end at 5e-7, for its row with n = 1e-5
-    np.testing.assert_allclose(functions, expected, atol=1e-11 if recipe == "talk" else 2e-6)
+    np.testing.assert_allclose(functions, expected, atol=2e-6 if recipe == "notebook" else 1e-11)
 
 
 def test_conditioning():
@@ -123,7 +127,8 @@ def test_loading_runs_no_svd(monkeypatch):
     basis_module._load.cache_clear()
     monkeypatch.setattr(scipy.sparse.linalg, "svds", refuse)
     monkeypatch.setattr(np.linalg, "svd", refuse)
-    monkeypatch.setattr(scipy.optimize, "least_squares", refuse)
+    for solver in ("least_squares", "linprog", "nnls"):
+        monkeypatch.setattr(scipy.optimize, solver, refuse)
     for recipe, terms in SHIPPED:
         load_basis(recipe, terms).coefficients(1.5, 0.5)
     with pytest.raises(AssertionError, match="an SVD was run"):
@@ -205,7 +210,7 @@ def test_fit_passes_through_the_nodes(recipe, terms):
     F = basis.evaluate(c, cos_theta)
     exact = np.mean(textbook(cos_theta, ETA[:, None], K[:, None]), axis=0)
     np.testing.assert_allclose(F[:, 1:], exact[:, 1:], atol=1e-13)
-    np.testing.assert_allclose(F[:, 0], exact[:, 0], atol=1e-13 if recipe == "talk" else 1e-6)
+    np.testing.assert_allclose(F[:, 0], exact[:, 0], atol=1e-6 if recipe == "notebook" else 2e-13)
     np.testing.assert_allclose(c[:, 0, 0], exact[:, 0], atol=1e-14)
     np.testing.assert_array_equal(c[..., 1], 1.0 - c[..., 0])
 

@@ -10,7 +10,7 @@ import scipy.sparse.linalg
 
 from fresnel_decomp import CurveSet, InputError, extract_basis
 from fresnel_decomp.curves import talk_training_set
-from fresnel_decomp.extraction import RECIPES, extract
+from fresnel_decomp.extraction import SVD_RECIPES, extract
 
 PUBLISHED_NODES = {
     "talk": (1.45, 1.31),
@@ -23,7 +23,7 @@ def extractions():
     """Both recipes with six terms; their first functions are those with fewer terms."""
     return {
         name: extract(recipe.training(), 6, recipe.rule, recipe.nodes, recipe.grid)
-        for name, recipe in RECIPES.items()
+        for name, recipe in SVD_RECIPES.items()
     }
 
 
@@ -34,14 +34,14 @@ def small():
     return CurveSet("small", rng.uniform(1.1, 3.0, 40), rng.uniform(0.0, 4.0, 40))
 
 
-@pytest.mark.parametrize("recipe", RECIPES)
+@pytest.mark.parametrize("recipe", SVD_RECIPES)
 def test_reference_basis(extractions, recipe, reference):
     table = np.loadtxt(reference / f"{recipe}_basis.csv", delimiter=",", skiprows=1)
     functions = extractions[recipe].functions(table[:, 0])[:, :3]
     np.testing.assert_allclose(functions, table[:, 1:], rtol=0.0, atol=1e-6)
 
 
-@pytest.mark.parametrize("recipe", RECIPES)
+@pytest.mark.parametrize("recipe", SVD_RECIPES)
 def test_nodes(extractions, recipe):
     nodes = extractions[recipe].nodes
     assert nodes[:2] == pytest.approx(PUBLISHED_NODES[recipe], abs=1e-9)
@@ -50,9 +50,9 @@ def test_nodes(extractions, recipe):
     assert np.diff(np.sort(nodes)).min() > 0.02
 
 
-@pytest.mark.parametrize("recipe", RECIPES)
+@pytest.mark.parametrize("recipe", SVD_RECIPES)
 def test_four_terms_on_their_own(extractions, recipe):
-    chosen = RECIPES[recipe]
+    chosen = SVD_RECIPES[recipe]
     four = extract(chosen.training(), 4, chosen.rule, chosen.nodes, chosen.grid)
     cos_theta = np.linspace(0.0, 1.0, 333)
     np.testing.assert_array_equal(four.nodes, extractions[recipe].nodes[:2])
@@ -61,7 +61,7 @@ def test_four_terms_on_their_own(extractions, recipe):
     )
 
 
-@pytest.mark.parametrize("recipe", RECIPES)
+@pytest.mark.parametrize("recipe", SVD_RECIPES)
 def test_ends_peaks_and_signs(extractions, recipe):
     ends = extractions[recipe].functions(np.array([0.0, 1.0]))
     np.testing.assert_allclose(ends, [[1, 0, 0, 0, 0], [0, 0, 0, 0, 0]], atol=1e-6)

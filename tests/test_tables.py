@@ -97,11 +97,11 @@ def test_accuracy_files_and_print(script, tmp_path: Path, capsys: pytest.Capture
     report = json.loads(Path(paths[0]).read_text(encoding="utf-8"))
     with open(paths[1], encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == len(report["errors"]) == 11
+    assert len(rows) == len(report["errors"]) == 27
     for row, entry in zip(rows, report["errors"], strict=True):
         assert float(row["max"]) == entry["max"]
         assert f"{entry['max']:.4f} / {entry['rmse']:.4f}" in printed
-    assert printed.count("\n\n") == 2  # three tables
+    assert printed.count("\n\n") == 3  # four tables
 
 
 def test_accuracy_refuses_other_files(script, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -135,7 +135,7 @@ def test_page_quotes_the_accuracy(models: str, script):
     if models == "fits":
         for name, models_of_set in results.items():
             assert_known(name, models_of_set)
-        printed += "\n" + table.worst_table(results)
+        printed += "\n" + table.albedo_table(results) + "\n" + table.worst_table(results)
     assert not table_rows(printed) - table_rows(RECIPES_PAGE.read_text(encoding="utf-8"))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -63,6 +64,10 @@ class CurveSet:
 
     def __len__(self) -> int:
         return len(self.eta)
+
+    def take(self, rows: Any) -> CurveSet:
+        """The curves with these indices, or where a mask is true."""
+        return CurveSet(self.name, self.eta[rows], self.k[rows])
 
     def reflectance(self, cos_theta: Any) -> np.ndarray:
         """(n, m) exact reflectances at (m,) cosines."""
@@ -137,11 +142,11 @@ def low_index_corner() -> CurveSet:
     return CurveSet("low", eta.ravel(), k.ravel())
 
 
-def measured_metals() -> CurveSet:
+def measured_metals(names: Collection[str] | None = None) -> CurveSet:
     """Set *d*: the measured spectra that ship with Mitsuba, every nanometre of 380-780.
 
     Linear interpolation; duplicates are dropped, and the wavelengths at which interpolation would
-    use a sample without a positive eta (15,846 curves remain).
+    use a sample without a positive eta (15,846 curves remain). With `names` only these materials.
     """
     from ._data_sets import data_set_files
     from ._spectrum_files import read_spectrum
@@ -149,7 +154,7 @@ def measured_metals() -> CurveSet:
 
     rows = []
     for entry in list_materials():
-        if entry.duplicate_of is not None:
+        if entry.duplicate_of is not None or (names is not None and entry.name not in names):
             continue
         material = load_material(entry.name, allow_partial=True, allow_broken=True)
         first, last = material.wavelength_nm[[0, -1]]

@@ -27,8 +27,9 @@ import numpy as np
 
 from ._check import choose, input_error
 from .curves import CurveSet, notebook_training_set, talk_training_set
+from .regression_recipes import REGRESSION_RECIPES, RegressionRecipe
 
-__all__ = ["RECIPES", "SIGN_RULE", "Extraction", "Recipe", "extract"]
+__all__ = ["RECIPES", "SIGN_RULE", "SVD_RECIPES", "Extraction", "Recipe", "extract"]
 
 SIGN_RULE = "each function is divided by its value of largest magnitude on the grid: it peaks at +1"
 
@@ -40,7 +41,7 @@ NEGLIGIBLE = 1e-10
 
 @dataclass(frozen=True)
 class Recipe:
-    """A named, reproducible way to a basis.
+    """A named, reproducible way to a basis by singular vectors.
 
     Attributes
     ----------
@@ -59,7 +60,7 @@ class Recipe:
     grid: int = 1000
 
 
-RECIPES = {
+SVD_RECIPES = {
     "talk": Recipe(
         talk_training_set,
         "deflation",
@@ -73,6 +74,9 @@ RECIPES = {
         "the procedure of the authors' published notebook, nodes included",
     ),
 }
+
+RECIPES: dict[str, Recipe | RegressionRecipe] = {**SVD_RECIPES, **REGRESSION_RECIPES}
+"""All recipes that ship: those by singular vectors, and those by constrained regression."""
 
 
 @dataclass(frozen=True, eq=False)
