@@ -27,9 +27,10 @@ from fresnel_decomp.images import (
 )
 from fresnel_decomp.subjects import Subject, from_gulbrandsen, from_indices, from_material
 
-MODELS = ("decomposition", "notebook", "schlick", "f82")
-"""What is compared with the exact term: four terms by the default recipe and by the notebook's, and
-two models of few parameters."""
+RECIPES = ("notebook", "balanced")
+MODELS = ("decomposition", *RECIPES, "schlick", "f82")
+"""What is compared with the exact term: four terms by the default recipe and by two others, and two
+models of few parameters."""
 MATERIALS = {
     "Be": "Beryllium",
     "Au": "Gold",
@@ -127,7 +128,8 @@ class Study:
         self.light_width = 512 if self.size > 64 else 64
         self.terms = settings["basis"]["terms"]
         default = load_basis(settings["basis"]["recipe"], self.terms)
-        self.bases = {"decomposition": default, "notebook": load_basis("notebook", self.terms)}
+        others = {recipe: load_basis(recipe, self.terms) for recipe in RECIPES}
+        self.bases = {"decomposition": default, **others}
 
     # --- images --------------------------------------------------------------------------------
 

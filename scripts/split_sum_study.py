@@ -42,9 +42,11 @@ LABELS = {
     "exact": "exact F̄",
     "decomposition": "table (talk)",
     "notebook": "table (notebook)",
+    "balanced": "table (balanced)",
     "schlick": "Schlick A, B",
     "f82": "F82",
 }
+COLUMNS = ("talk", "notebook", "balanced", "Schlick", "F82")  # of MODELS
 TABLES = tuple(f"split_sum_{name}.csv" for name in ("fresnel", "table", "reference"))
 Results = Mapping[str, Any]
 
@@ -84,9 +86,7 @@ def write_tables(results: Results, folder: Path) -> None:
     rows = [
         [*named(s), *(cell(found[s.stem]["fresnel_alone"][m]) for m in MODELS)] for s in SPHERES
     ]
-    write_rows(
-        folder / TABLES[0], ["", "α", "4 terms, talk", "4 terms, notebook", "Schlick", "F82"], rows
-    )
+    write_rows(folder / TABLES[0], ["", "α", *COLUMNS], rows)
 
     rows = [
         [
@@ -96,7 +96,7 @@ def write_tables(results: Results, folder: Path) -> None:
         ]
         for s in SPHERES
     ]
-    header = ["", "α", "table alone", "talk", "notebook", "Schlick", "F82"]
+    header = ["", "α", "table alone", *COLUMNS]
     write_rows(folder / TABLES[1], header, rows)
 
     rows = [
@@ -108,7 +108,7 @@ def write_tables(results: Results, folder: Path) -> None:
         for s in (*SPHERES, *BALLS)
         if s.stem in found
     ]
-    header = ["", "α", "noise", "exact F̄", "talk", "notebook", "Schlick", "F82"]
+    header = ["", "α", "noise", "exact F̄", *COLUMNS]
     write_rows(folder / TABLES[2], header, rows)
 
 
@@ -180,6 +180,8 @@ def draw_errors(results: Results, path: Path) -> None:
          style.MODEL_COLOURS["decomposition"], "o", True),
         ("(i) 4 terms alone, notebook", ("fresnel_alone", "notebook"),
          style.MODEL_COLOURS["gulbrandsen"], "o", False),
+        ("(i) 4 terms alone, balanced", ("fresnel_alone", "balanced"),
+         style.MODEL_COLOURS["lazanyi"], "P", True),
         ("(ii) table and shading alone", ("table_alone",), "#9a6bb5", "v", True),
     ]  # fmt: skip
     gap = 1.0
