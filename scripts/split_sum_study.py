@@ -353,6 +353,7 @@ FIGURE = Figure(
     parameters={
         "materials": list(MATERIALS),
         "alphas": ALPHAS,
+        "models": MODELS,
         "edge_tint": EDGE_TINT,
         "balls": [scene.stem for scene in BALLS],
         "split_spp": SPLIT_SPP,

@@ -15,7 +15,7 @@ from fresnel_decomp.images import write_exr
 from fresnel_decomp.mitsuba import fresnel_terms, register
 from fresnel_decomp.mitsuba.operations import count_operations
 from fresnel_decomp.mitsuba.scene_plan import inventory, plan_scene
-from fresnel_decomp.prediction import operations
+from fresnel_decomp.prediction import EVEN_SKY, operations
 
 LLVM_RGB = pytest.mark.parametrize("variant", ["llvm_ad_rgb"], indirect=True)
 
@@ -127,7 +127,7 @@ def test_what_is_found(scene_file: Path, variant: str) -> None:
     nested = next(s for s in found.surfaces if s.alpha == pytest.approx((0.05, 0.3)))
     assert nested.eta[0] < nested.eta[2]
     assert found.lights == ("ConstantBackgroundEmitter",)
-    assert all(surface.contrast == 1.0 for surface in found.surfaces)
+    assert all(surface.contrast == EVEN_SKY for surface in found.surfaces)
     left = {entry.name: entry for entry in found.left}
     assert left["patterned"].why == "its index is textured"
     assert left["plastic"].kind == "roughplastic"
@@ -205,7 +205,7 @@ def test_the_prediction_holds(variant: str) -> None:
     """In a scene of one sphere under an even sky, at every pixel of it."""
 
     def scene(bsdf: dict[str, Any]) -> dict[str, Any]:
-        film = {"type": "hdrfilm", "width": 32, "height": 32, "rfilter": {"type": "box"}}
+        film = {"type": "hdrfilm", "width": 64, "height": 64, "rfilter": {"type": "box"}}
         look = mi.ScalarTransform4f().look_at([0, -10, 0], [0, 0, 0], [0, 0, 1])
         return {
             "type": "scene",
@@ -224,8 +224,8 @@ def test_the_prediction_holds(variant: str) -> None:
         predicted = planned.plan.choices[0].error
         assert predicted <= bound
         rendered = np.array(mi.render(planned.apply(), spp=64, seed=3))
-        y, x = np.mgrid[:32, :32] - 15.5
-        on_the_ball = np.hypot(x, y) < 15.0
+        y, x = np.mgrid[:64, :64] - 31.5
+        on_the_ball = np.hypot(x, y) < 31.0
         measured = (np.abs(rendered - image["exact"]) / image["white"])[on_the_ball].max()
         assert measured <= predicted
         assert predicted <= 3.0 * measured
@@ -251,7 +251,7 @@ def test_lights_decide(variant: str) -> None:
     for name, light in lights.items():
         scene = mi.load_dict({"type": "scene", "s": {"type": "sphere", "bsdf": gold}, "l": light})
         contrast[name] = inventory(scene).surfaces[0].contrast
-    assert contrast["even"] == 1.0
+    assert contrast["even"] == EVEN_SKY
     assert contrast["point"] == contrast["area"] == np.inf
     assert 50.0 < contrast["sun"] < np.inf
 
@@ -358,4 +358,4 @@ def test_the_contrast_of_darkness(variant: str) -> None:
     gold = {"type": "roughconductor", "material": "Au"}
     scene = {"type": "scene", "s": {"type": "sphere", "bsdf": gold}, "l": dark}
     found = inventory(mi.load_dict(scene))
-    assert found.surfaces[0].contrast == 1.0
+    assert found.surfaces[0].contrast == EVEN_SKY

@@ -3,13 +3,14 @@
 The predicted error of a surface is the largest over the angle of view. A smooth surface, or one
 that a point light illuminates, shows its reflectance at single angles, so this is the largest error
 of the curve. Light from everywhere is averaged over the lobe of normals, and so is the error. If d
-is the error at an angle, w what the lobe reflects from there and L the light, then by Cauchy and
-Schwarz
+is the error at an angle, weighted by what the lobe reflects from there, and L the light, then what
+is seen is the mean of d and its covariance with L over the mean of L, so that by Cauchy and Schwarz
 
-    |∫ w L d| / ∫ w L  <=  sqrt(∫ w d² / ∫ w) sqrt(1 + v),
+    |∫ w L d| / ∫ w L  <=  |mean of d| + sqrt(v) (standard deviation of d),
 
-v being the variance of the light over the lobe relative to its squared mean: the *contrast*. So
-rough surfaces under an even sky need less than smooth ones.
+v being the variance of the light over the lobe relative to its squared mean: the *contrast*. Rough
+surfaces under an even sky need less than smooth ones. Views are those with cosines from .1 on, 99 %
+of what one sees of a sphere.
 """
 
 from __future__ import annotations
@@ -27,7 +28,15 @@ from .colour import WAVELENGTH_NM, delta_e_2000, rgb_weights
 from .curves import CurveSet, error_cosines
 from .fresnel import conductor
 
-__all__ = ["EXACT_OPERATIONS", "METRICS", "Metric", "Surface", "operations", "predicted_error"]
+__all__ = [
+    "EVEN_SKY",
+    "EXACT_OPERATIONS",
+    "METRICS",
+    "Metric",
+    "Surface",
+    "operations",
+    "predicted_error",
+]
 
 Metric = Literal["reflectance", "delta-e"]
 METRICS = ("reflectance", "delta-e")
@@ -35,7 +44,10 @@ METRICS = ("reflectance", "delta-e")
 EXACT_OPERATIONS = 34
 """Operations of `mi.fresnel_conductor` per channel, as counted in its kernel."""
 
-_LOBE_COSINES = np.linspace(0.1, 1.0, 19) ** 2  # of the view, dense at grazing angles
+EVEN_SKY = 0.25
+"""Contrast of an even light of which black objects hide a fifth: .2 / (1 - .2)."""
+
+_LOBE_COSINES = np.linspace(0.1**0.5, 1.0, 15) ** 2  # of the view, dense at grazing angles
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +63,7 @@ class Surface:
         Least and greatest roughness; None for a smooth surface.
     contrast : float >= 0
         Variance of the light relative to its squared mean; infinite for point, spot and directional
-        lights. The default, 1, is that of an even sky of which objects hide one half.
+        lights. The default is that of an even sky of which black objects hide a fifth.
     distribution : {"ggx", "beckmann"}
     wavelength_nm : (n,) float or None
         Where eta and k belong to wavelengths and not to channels.
@@ -66,7 +78,7 @@ class Surface:
     eta: Any
     k: Any
     alpha: tuple[float, float] | None = None
-    contrast: float = 1.0
+    contrast: float = EVEN_SKY
     distribution: Literal["ggx", "beckmann"] = "ggx"
     wavelength_nm: np.ndarray | None = None
 
@@ -149,39 +161,31 @@ def predicted_error(
     """
     choose("metric", metric, METRICS)
 
-    def distance(cos_theta: np.ndarray) -> np.ndarray:
+    def difference(cos_theta: np.ndarray) -> np.ndarray:
+        """Signed in reflectance, (..., n); (..., 1) of the colours that they make."""
         cos_theta = np.asarray(cos_theta)[..., None]
-        return _distance(
-            surface, conductor(cos_theta, surface.eta, surface.k), fit(cos_theta), metric
-        )
+        exact, fitted = conductor(cos_theta, surface.eta, surface.k), fit(cos_theta)
+        if metric == "reflectance":
+            return np.asarray(fitted - exact)
+        colours = [np.clip(surface.to_rgb(F), 0.0, 1.0) for F in (exact, fitted)]
+        return np.asarray(delta_e_2000(*colours))[..., None]
 
-    largest = float(distance(error_cosines()[0]).max())
+    largest = float(np.abs(difference(error_cosines()[0])).max())
     if surface.alpha is None or not np.isfinite(surface.contrast):
         return largest
     low, high = surface.alpha
-    averages = [
-        _lobe_average(surface, distance, alpha)
-        for alpha in np.unique([low, np.sqrt(low * high), high])
-    ]
-    return min(largest, max(averages) * float(np.sqrt(1.0 + surface.contrast)))
+    alphas = np.unique([low, np.sqrt(low * high), high])
+    return min(largest, max(_seen(surface, difference, alpha) for alpha in alphas))
 
 
-def _lobe_average(surface: Surface, distance: Any, alpha: float) -> float:
-    """Root of the mean squared error over the lobe, the largest over the view and all channels."""
+def _seen(surface: Surface, difference: Callable[[np.ndarray], np.ndarray], alpha: float) -> float:
+    """The error of a rough surface in light of its contrast, the largest over view and channels."""
 
-    def squares(cos_theta: np.ndarray) -> np.ndarray:
-        d = distance(cos_theta)
-        return np.concatenate([np.ones_like(d[..., :1]), d * d], axis=-1)
+    def moments(cos_theta: np.ndarray) -> np.ndarray:
+        d = difference(cos_theta)
+        return np.concatenate([np.ones_like(d[..., :1]), d, d * d], axis=-1)
 
-    averages = directional_albedo(squares, _LOBE_COSINES, alpha, distribution=surface.distribution)
-    return float(np.sqrt((averages[..., 1:] / averages[..., :1]).max()))
-
-
-def _distance(
-    surface: Surface, exact: np.ndarray, fitted: np.ndarray, metric: Metric
-) -> np.ndarray:
-    """Errors (..., n) of reflectances (..., n), or (..., 1) of the colours that they make."""
-    if metric == "reflectance":
-        return np.abs(fitted - exact)
-    colours = [np.clip(surface.to_rgb(F), 0.0, 1.0) for F in (exact, fitted)]
-    return np.asarray(delta_e_2000(*colours))[..., None]
+    averages = directional_albedo(moments, _LOBE_COSINES, alpha, distribution=surface.distribution)
+    mean, square = np.split(averages[..., 1:] / averages[..., :1], 2, axis=-1)
+    deviation = np.sqrt(np.maximum(square - mean * mean, 0.0))
+    return float((np.abs(mean) + np.sqrt(surface.contrast) * deviation).max())

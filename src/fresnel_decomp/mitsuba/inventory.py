@@ -17,7 +17,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..plan import LeftExact
-from ..prediction import Surface
+from ..prediction import EVEN_SKY, Surface
 from .tabulation import children, stored_values
 
 __all__ = ["Inventory", "take_inventory"]
@@ -65,7 +65,7 @@ def take_inventory(scene: Any) -> Inventory:
     scene : mi.Scene
     """
     lights = list(scene.emitters())
-    contrast = max((_contrast(light) for light in lights), default=1.0)
+    contrast = max((_contrast(light) for light in lights), default=EVEN_SKY)
     surfaces: list[Surface] = []
     objects: list[Any] = []
     left: list[LeftExact] = []
@@ -153,7 +153,7 @@ def _contrast(light: Any) -> float:
     """Variance of what a light sends from all around, relative to its squared mean."""
     kind = light.class_name()
     if kind == "ConstantBackgroundEmitter":
-        return 1.0  # not 0: objects hide a part of it
+        return EVEN_SKY  # not 0: objects hide a part of it
     if kind != "EnvironmentMapEmitter":
         return np.inf  # may be as small as a point, or has a sun
     texels = np.array(mi.traverse(light)["data"], np.float64)[..., :3].mean(axis=-1)
@@ -161,8 +161,8 @@ def _contrast(light: Any) -> float:
     area = np.broadcast_to(area / area.sum() / texels.shape[1], texels.shape)
     mean = float((area * texels).sum())
     if mean <= 0.0:
-        return 1.0
-    return 1.0 + float((area * (texels / mean - 1.0) ** 2).sum())
+        return EVEN_SKY
+    return EVEN_SKY + float((area * (texels / mean - 1.0) ** 2).sum())
 
 
 def _spectrum(texture: Any) -> np.ndarray:
