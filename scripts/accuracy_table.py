@@ -21,7 +21,7 @@ import argparse
 import csv
 import functools
 import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
+from _colour_models import colour_errors
 from fresnel_decomp import (
     F82,
     RECIPES,
@@ -40,6 +41,7 @@ from fresnel_decomp import (
     __version__,
     curves,
     extract_basis,
+    list_materials,
     load_basis,
 )
 from fresnel_decomp._files import write_json, write_text
@@ -95,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             name: measure(curve_set, lambda count: progress.advance(task, count), models=models)
             for name, curve_set in chosen.items()
         }
-    print(error_table(results))
+    print(error_table(results, None if options.variations else colours()))
     if not options.variations:
         print("", albedo_table(results), "", worst_table(results), "", basis_table(), sep="\n")
     for path in options.out:
@@ -202,13 +204,22 @@ def measure(
     return results
 
 
-def error_table(results: dict[str, dict[str, Errors]]) -> str:
-    """Largest error and RMSE of each model on each set."""
+def error_table(
+    results: dict[str, dict[str, Errors]], colours: Mapping[str, str] | None = None
+) -> str:
+    """Largest error and RMSE of each model on each set; what `colours` says of them last."""
     return _models_by_sets(
         results,
         "largest error / RMSE",
         lambda e: f"{e.max:.4f} / {e.rmse:.4f}",
+        {"mean / largest ΔE00 (D65)": colours} if colours else {},
     )
+
+
+def colours() -> dict[str, str]:
+    """Mean and largest ΔE00 of each model over all usable materials, see `colour_errors`."""
+    usable = [row.name for row in list_materials() if row.usable and not row.duplicate_of]
+    return colour_errors(usable)
 
 
 def albedo_table(results: dict[str, dict[str, Errors]]) -> str:
@@ -245,11 +256,17 @@ def basis_table() -> str:
 
 
 def _models_by_sets(
-    results: dict[str, dict[str, Errors]], title: str, cell: Callable[[Errors], str]
+    results: dict[str, dict[str, Errors]],
+    title: str,
+    cell: Callable[[Errors], str],
+    more: Mapping[str, Mapping[str, str]] | None = None,
 ) -> str:
-    models = next(iter(results.values()))
-    rows = [[name, *(cell(results[s][name]) for s in results)] for name in models]
-    return markdown([title, *results], rows)
+    models, more = next(iter(results.values())), more or {}
+    rows = [
+        [name, *(cell(results[s][name]) for s in results), *(m[name] for m in more.values())]
+        for name in models
+    ]
+    return markdown([title, *results, *more], rows)
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

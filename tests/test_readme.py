@@ -35,8 +35,12 @@ def test_plugin_example_runs():
 def test_accuracy_and_speed_are_those_of_the_documentation():
     """docs/recipes.md is compared with what the script prints in test_tables."""
     recipes = (ROOT / "docs" / "recipes.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| (?:Schlick|Lazanyi|F82|notebook|talk).*$", README, re.MULTILINE)
-    assert len(rows) >= 6
+    rows = re.findall(
+        r"^\| (?:Schlick|Lazanyi|F82|notebook|talk|balanced|robust|minimax|albedo).*$",
+        README,
+        re.MULTILINE,
+    )
+    assert len(rows) >= 12
     assert all(row in recipes for row in rows)
     plugin = (ROOT / "docs" / "plugin.md").read_text(encoding="utf-8")
     (times,) = re.findall(r"```text\n( +BSDF only.*?)```", README, re.DOTALL)

@@ -81,7 +81,9 @@ def cli() -> None:
     show_default=True,
     help="Roughness, in (0, 1]. Repeatable.",
 )
-@click.option("--recipe", default="talk", show_default=True, help="Basis: talk or notebook.")
+@click.option(
+    "--recipe", default="talk", show_default=True, help="Basis, see docs: talk, balanced, ..."
+)
 @click.option("--terms", type=int, default=4, show_default=True, help="Terms of the basis, 3 to 6.")
 @click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
 @click.option("--spp", type=int, help="Samples per pixel.  [default: 64; 16 in scalar variants]")
@@ -283,7 +285,9 @@ def material(
 
 
 @cli.command()
-@click.option("--recipe", default="talk", show_default=True, help="talk or notebook.")
+@click.option(
+    "--recipe", default="talk", show_default=True, help="talk, notebook, balanced, robust, ..."
+)
 @click.option("--terms", type=int, default=4, show_default=True, help="3 to 6.")
 @click.option(
     "--out", type=click.Path(path_type=Path), help="Figure.  [default: out/basis-RECIPE-TERMS.png]"
