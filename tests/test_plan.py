@@ -5,9 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fresnel_decomp import InputError, Schlick, conductor, directional_albedo, load_basis
+from fresnel_decomp import (
+    AlbedoTable,
+    InputError,
+    Schlick,
+    conductor,
+    directional_albedo,
+    load_basis,
+)
 from fresnel_decomp.plan import LeftExact, plan_surfaces
-from fresnel_decomp.prediction import Surface, operations, predicted_error
+from fresnel_decomp.prediction import Surface, differences, operations, predicted_error
 
 GOLD = ([0.14, 0.37, 1.44], [3.98, 2.38, 1.60])
 ALUMINIUM = ([1.66, 0.88, 0.52], [9.22, 6.27, 4.84])
@@ -102,7 +109,7 @@ def test_tighter_bounds_cost_more():
     loose = plan_surfaces(surfaces, 0.2, own_basis=False)
     assert [choice.model for choice in loose.choices] == ["schlick"] * 3
     assert loose.basis is None
-    assert loose.table is None
+    assert loose.tables == ()
     assert loose.nbytes == 4 * 7  # a number for each channel
 
 
@@ -145,11 +152,49 @@ def test_total_reflection_stays_exact():
 def test_image_based_light_gets_a_table():
     rough = Surface("gold", *GOLD, (0.2, 0.4))
     plan = plan_surfaces([rough], 0.002, own_basis=False)
-    assert plan.table is not None
-    assert plan.table.error <= 1e-3
-    assert plan.table.nbytes == 2 * (4 if plan.table.channels <= 4 else 8) * plan.table.size**2
+    (table,) = plan.tables
+    assert table.enough
+    assert table.error <= 2e-4
+    assert table.nbytes == 2 * (4 if table.channels <= 4 else 8) * table.size**2
     smooth = plan_surfaces([Surface("gold", *GOLD)], 0.002, own_basis=False)
-    assert smooth.table is None
+    assert smooth.tables == ()
+
+
+@pytest.mark.parametrize("metric", ["reflectance", "delta-e"])
+def test_tables_are_for_the_distribution_and_in_the_metric(metric):
+    surfaces = [
+        Surface("gold", *GOLD, (0.5, 0.5), distribution="beckmann"),
+        Surface("brass", [0.5, 0.6, 1.2], [3.0, 2.6, 1.8], (0.3, 0.3)),
+    ]
+    bound = {"reflectance": 0.004, "delta-e": 0.5}[metric]
+    plan = plan_surfaces(surfaces, bound, metric, own_basis=False)
+    assert [table.distribution for table in plan.tables] == ["beckmann", "ggx"]
+    mu = np.linspace(0.1, 1.0, 7) ** 2
+    for choice, table in zip(plan.choices, plan.tables, strict=True):
+        surface = choice.surface
+        baked = AlbedoTable.bake(plan.basis, table.size, distribution=surface.distribution)
+        c, alpha = choice.coefficients, surface.alpha[0]
+        exact = directional_albedo(plan.basis, mu, alpha, distribution=surface.distribution)
+        pair = [functions @ c.T for functions in (exact, baked.lookup(mu, alpha))]
+        assert np.abs(differences(surface, *pair, metric)).max() <= table.error
+        assert table.enough == (table.error <= 0.1 * bound)
+
+
+def test_a_table_that_is_not_enough_says_so():
+    plan = plan_surfaces([Surface("gold", *GOLD, (1e-3, 1.0))], 3e-4, own_basis=False)
+    if plan.tables:
+        (table,) = plan.tables
+        assert not table.enough
+        assert table.size == 128
+
+
+def test_one_channel_takes_what_is_cheapest():
+    """Six terms cost more than the exact equations there, but can be averaged."""
+    eta, k = [1.66], [9.22]
+    smooth = plan_surfaces([Surface("mirror", eta, k)], 0.002, own_basis=False)
+    assert smooth.choices[0].model == "exact"
+    rough = plan_surfaces([Surface("satin", eta, k, (0.2, 0.2))], 0.002, own_basis=False)
+    assert rough.choices[0].model == "decomposition"
 
 
 def test_no_surface_nothing_to_carry():
@@ -179,3 +224,5 @@ def test_bad_input(arguments, options, message):
         Surface("x", [1.5], [0.0], None, -1.0)
     with pytest.raises(InputError, match="eta=-1"):
         Surface("x", [-1.0], [0.0])
+    with pytest.raises(InputError, match="without a basis"):
+        operations("decomposition", 3)

@@ -334,11 +334,23 @@ def basis(recipe: str, terms: int, out: Path | None) -> None:
     show_default=True,
     help="reflectance (0.01 is one per cent of the light), or delta-e (CIEDE2000).",
 )
+@click.option(
+    "--contrast",
+    type=float,
+    help="Of the light; inf holds in any.  [default: what the emitters have]",
+)
 @click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
 @click.option(
     "--out", type=click.Path(path_type=Path), help="Write the scene with the plan to this XML file."
 )
-def plan(scene: Path, max_error: float, metric: Any, variant: str | None, out: Path | None) -> None:
+def plan(
+    scene: Path,
+    max_error: float,
+    metric: Any,
+    contrast: float | None,
+    variant: str | None,
+    out: Path | None,
+) -> None:
     """Plan a scene: the cheapest Fresnel term for each metal that keeps a bound.
 
     SCENE is a Mitsuba scene in XML. Says what each conductor takes, with its predicted error,
@@ -349,7 +361,12 @@ def plan(scene: Path, max_error: float, metric: Any, variant: str | None, out: P
     fresnel-decomp plan scene.xml --max-error 1 --metric delta-e --out planned.xml
     """
     from . import doctor
+    from ._files import writable_folder
 
+    if out is not None:
+        if out.suffix != ".xml":
+            raise input_error(f"--out {out}", "a file ending in .xml", "Rename it.")
+        writable_folder(out.parent)
     chosen = variant or doctor.best_variant()
     doctor.require_variant(chosen)
     import mitsuba as mi
@@ -360,7 +377,11 @@ def plan(scene: Path, max_error: float, metric: Any, variant: str | None, out: P
 
     with _progress() as progress:
         planned = plan_scene(
-            scene, max_error, metric, progress=lambda fraction: progress("planning", fraction)
+            scene,
+            max_error,
+            metric,
+            contrast=contrast,
+            progress=lambda fraction: progress("planning", fraction),
         )
     for part in summary(planned):
         if isinstance(part, str):

@@ -23,7 +23,14 @@ from .basis import Basis, extract_basis, load_basis
 from .curves import CurveSet
 from .extraction import RECIPES
 from .models import F82, Schlick
-from .prediction import METRICS, Metric, Surface, operations, predicted_error
+from .prediction import (
+    METRICS,
+    Metric,
+    Surface,
+    differences,
+    operations,
+    predicted_error,
+)
 from .table import AlbedoTable
 
 __all__ = ["Choice", "LeftExact", "Plan", "Table", "plan_surfaces"]
@@ -93,6 +100,7 @@ class Table:
 
     Attributes
     ----------
+    distribution : {"ggx", "beckmann"}
     size : int
         Texels along roughness and along the cosine.
     channels : int
@@ -100,13 +108,18 @@ class Table:
     nbytes : int
         As half floats.
     error : float
-        By which interpolation changes the averaged reflectance of a surface of the plan, at most.
+        By which interpolation changes the averaged reflectance of a surface of the plan, at most,
+        in units of the plan's metric.
+    enough : bool
+        Whether that is at most a tenth of the bound; if not, the largest size is not enough.
     """
 
+    distribution: Literal["ggx", "beckmann"]
     size: int
     channels: int
     nbytes: int
     error: float
+    enough: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +134,9 @@ class Plan:
     basis : Basis or None
         Shared by all decompositions; None if there is none: then nothing needs to be carried.
     left : tuple of LeftExact
-    table : Table or None
-        The smallest table that image-based light needs beside the closed form of the basis.
+    tables : tuple of Table
+        The smallest tables that image-based light needs beside the closed form of the basis, one
+        for each distribution of normals in use.
     """
 
     max_error: float
@@ -130,7 +144,7 @@ class Plan:
     choices: tuple[Choice, ...]
     basis: Basis | None
     left: tuple[LeftExact, ...] = field(default=())
-    table: Table | None = None
+    tables: tuple[Table, ...] = ()
 
     @property
     def operations(self) -> int:
@@ -163,6 +177,9 @@ def plan_surfaces(
     progress: Callable[[float], object] | None = None,
 ) -> Plan:
     """Choose for every surface the cheapest representation that keeps a bound.
+
+    Where light comes from everywhere, terms that can be averaged ahead of time are preferred to the
+    exact equations even if these have fewer operations, which happens for single channels.
 
     Parameters
     ----------
@@ -219,83 +236,101 @@ def plan_surfaces(
         if progress is not None:
             progress(done / steps)
 
-    simple = {}
+    simple: dict[Surface, list[Choice]] = {}
     for surface in surfaces:
-        for model in ("schlick", "f82"):
-            simple[surface, model] = _simple(surface, model, metric)
-            step()
+        simple[surface] = [_simple(surface, "schlick", metric), _simple(surface, "f82", metric)]
+        if not surface.averaged:
+            simple[surface].append(_exact(surface))
+        step()
+        step()
+    # where light is averaged, terms that can be averaged go first: the exact ones have no table
     best: tuple[tuple[float, ...], tuple[Choice, ...], Basis | None] | None = None
     for basis in (None, *sorted(bases, key=lambda b: operations("decomposition", 3, b))):
         choices = []
         for surface in surfaces:
-            options = [simple[surface, "schlick"], simple[surface, "f82"]]
+            options = simple[surface]
             if basis is not None:
-                options += _decomposed(surface, basis, metric)
                 step()
+                cost = operations("decomposition", len(surface.eta), basis)
+                if all(option.operations > cost or option.error > max_error for option in options):
+                    options = options + _decomposed(surface, basis, metric)
             keep = [option for option in options if option.error <= max_error]
-            chosen = min(keep, key=lambda c: c.operations, default=None)
-            choices.append(_exact(surface) if chosen is None else chosen)
+            choices.append(min(keep, key=lambda c: c.operations, default=_exact(surface)))
         used = any(choice.model == "decomposition" for choice in choices)
         if basis is not None and not used:
             continue
+        left_exact = sum(c.model == "exact" and c.surface.averaged for c in choices)
         total = sum(choice.operations for choice in choices)
-        left_exact = sum(choice.model == "exact" for choice in choices)
         worst = max((choice.error for choice in choices), default=0.0)
-        # integrable terms first: the exact equations have no table
         rank = (left_exact, total, worst)
         if best is None or rank < best[0]:
             best = rank, tuple(choices), basis if used else None
     assert best is not None
-    told = tuple(_with_gain(entry, best[2], max_error, metric) for entry in left)
-    return Plan(
-        float(max_error), metric, best[1], best[2], told, _table(best[1], best[2], max_error)
-    )
+    _, chosen, basis = best
+    told = tuple(_with_gain(entry, max_error, metric) for entry in left)
+    tables = _tables(chosen, basis, max_error, metric)
+    return Plan(float(max_error), metric, chosen, basis, told, tables)
 
 
-def _with_gain(
-    entry: LeftExact, basis: Basis | None, max_error: float, metric: Metric
-) -> LeftExact:
-    """The entry, with what its surface would take if it could."""
+def _with_gain(entry: LeftExact, max_error: float, metric: Metric) -> LeftExact:
+    """The entry, with the cheapest that its surface would take if it could."""
     surface = entry.surface
     if surface is None or entry.gain:
         return entry
-    options = [_simple(surface, "schlick", metric), _simple(surface, "f82", metric)]
-    for candidate in (basis, *(load_basis("talk", terms) for terms in TERMS)):
-        if candidate is not None:
-            options += _decomposed(surface, candidate, metric)
-    keep = [option for option in options if option.error <= max_error]
-    if not keep:
-        return replace(entry, gain="nothing: no term keeps the bound")
-    cheapest = min(keep, key=lambda option: option.operations)
     exact = operations("exact", len(surface.eta))
-    name: str = cheapest.model
-    if name == "decomposition":
-        name = f"decomposition of {cheapest.numbers} terms"
-    gain = f"{name}: error {cheapest.error:.2g}, {cheapest.operations} operations, not {exact}"
-    return replace(entry, gain=gain)
+    candidates: list[Callable[[], list[Choice]]] = [
+        lambda: [_simple(surface, "schlick", metric)],
+        lambda: [_simple(surface, "f82", metric)],
+    ]
+    bases = [load_basis(recipe, terms) for terms in TERMS for recipe in RECIPES]
+    for basis in sorted(bases, key=lambda b: operations("decomposition", 3, b)):
+        candidates.append(lambda b=basis: _decomposed(surface, b, metric))  # type: ignore[misc]
+    for candidate in candidates:
+        for option in candidate():
+            if option.error <= max_error:
+                name: str = option.model
+                if name == "decomposition":
+                    name = f"decomposition of {option.numbers} terms"
+                gain = f"{name}: error {option.error:.2g}, {option.operations} operations"
+                return replace(entry, gain=f"{gain}, not {exact}")
+    return replace(entry, gain="nothing: no term keeps the bound")
 
 
-def _table(choices: Sequence[Choice], basis: Basis | None, max_error: float) -> Table | None:
-    """The smallest table with an error below a tenth of the bound, or below .001."""
+def _tables(
+    choices: Sequence[Choice], basis: Basis | None, max_error: float, metric: Metric
+) -> tuple[Table, ...]:
+    """For each distribution the smallest table with an error below a tenth of the bound."""
     rough = [c for c in choices if c.model == "decomposition" and c.surface.alpha is not None]
-    if basis is None or not rough:
-        return None
-    mu, tolerance = np.linspace(0.1, 1.0, 46) ** 2, max(0.1 * max_error, 1e-3)
-    for size in TABLE_SIZES:
-        error = 0.0
-        table = AlbedoTable.bake(basis, size)
-        for choice in rough:
-            assert choice.surface.alpha is not None
-            assert choice.coefficients is not None
-            low, high = np.sqrt(choice.surface.alpha)
-            for alpha in np.unique(np.linspace(low, high, 5) ** 2):
-                exact = directional_albedo(basis, mu, alpha)
-                change = (table.lookup(mu, alpha) - exact) @ choice.coefficients.T
-                error = max(error, float(np.abs(change).max()))
-        if error <= tolerance:
-            break
-    channels = 4 if basis.terms <= 4 else 8
-    return Table(size, basis.terms, 2 * channels * size * size, error)
+    if basis is None:
+        return ()
+    found = []
+    for distribution in dict.fromkeys(choice.surface.distribution for choice in rough):
+        users = [choice for choice in rough if choice.surface.distribution == distribution]
+        error = np.inf
+        for size in TABLE_SIZES:
+            table = AlbedoTable.bake(basis, size, distribution=distribution)
+            error = max(_interpolation_error(table, basis, choice, metric) for choice in users)
+            if error <= 0.1 * max_error:
+                break
+        nbytes = 2 * (4 if basis.terms <= 4 else 8) * size * size
+        enough = error <= 0.1 * max_error
+        found.append(Table(distribution, size, basis.terms, nbytes, error, enough))
+    return tuple(found)
+
+
+def _interpolation_error(table: AlbedoTable, basis: Basis, choice: Choice, metric: Metric) -> float:
+    """What looking up instead of integrating changes for a surface, views from cos = .01 on."""
+    surface, coefficients = choice.surface, choice.coefficients
+    assert surface.alpha is not None
+    assert coefficients is not None
+    mu, error = np.linspace(0.1, 1.0, 46) ** 2, 0.0
+    low, high = np.sqrt(surface.alpha)
+    for alpha in np.unique(np.linspace(low, high, 5) ** 2):
+        exact = directional_albedo(basis, mu, alpha, distribution=surface.distribution)
+        looked_up = table.lookup(mu, alpha) @ coefficients.T
+        change = differences(surface, exact @ coefficients.T, looked_up, metric)
+        error = max(error, float(np.abs(change).max()))
+    return error
 
 
 # --- candidates ----------------------------------------------------------------------------------
@@ -322,7 +357,7 @@ def _decomposed(surface: Surface, basis: Basis, metric: Metric) -> list[Choice]:
 
 
 def _exact(surface: Surface) -> Choice:
-    why = "no term keeps the bound"
+    why = "no cheaper term keeps the bound"
     if _total_reflection(surface):
         why = "eta < 1: total internal reflection, which no linear basis follows"
     return Choice(surface, "exact", 0.0, operations("exact", len(surface.eta)), 2, None, why)

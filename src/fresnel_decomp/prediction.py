@@ -34,6 +34,7 @@ __all__ = [
     "METRICS",
     "Metric",
     "Surface",
+    "differences",
     "operations",
     "predicted_error",
 ]
@@ -60,7 +61,7 @@ class Surface:
     eta, k : (n,) float, eta > 0, k >= 0
         One for each channel that is evaluated, or for each of `wavelength_nm`.
     alpha : (float, float) or None
-        Least and greatest roughness; None for a smooth surface.
+        Least and greatest roughness, > 0 and usually <= 1; None for a smooth surface.
     contrast : float >= 0
         Variance of the light relative to its squared mean; infinite for point, spot and directional
         lights. The default is that of an even sky of which black objects hide a fifth.
@@ -100,6 +101,11 @@ class Surface:
                 "Leave it out for an even light.",
             )
 
+    @property
+    def averaged(self) -> bool:
+        """Whether light comes from everywhere, so that an engine shades it with averages."""
+        return self.alpha is not None and bool(np.isfinite(self.contrast))
+
     def to_rgb(self, reflectance: np.ndarray) -> np.ndarray:
         """(..., 3) linear sRGB of reflectances (..., n), under D65 where they are spectra."""
         if self.wavelength_nm is None:
@@ -124,6 +130,11 @@ def operations(model: str, channels: int, basis: Basis | None = None) -> int:
         Share the cosine and, in the decomposition, the functions.
     basis : Basis
         For "decomposition".
+
+    Raises
+    ------
+    InputError
+        For an unknown model, and a decomposition without a basis.
     """
     choose("model", model, ("schlick", "f82", "decomposition", "exact"))
     if model == "schlick":
@@ -132,7 +143,8 @@ def operations(model: str, channels: int, basis: Basis | None = None) -> int:
         return 6 + 4 * channels
     if model == "exact":
         return EXACT_OPERATIONS * channels
-    assert basis is not None
+    if basis is None:
+        raise input_error("a decomposition without a basis", "a Basis", "Pass load_basis(...).")
     form = basis.closed_form
     # Horner's rule: one operation per degree; a leading zero in b_2, b_3, ... is the same
     horner = len(form.denominator) - 1 + form.numerators.size - len(form.numerators)
@@ -150,6 +162,12 @@ def predicted_error(
     fit : callable
         From cosines (..., 1) to reflectances (..., n), one for each index of the surface.
     metric : {"reflectance", "delta-e"}
+        See `differences`.
+
+    Raises
+    ------
+    InputError
+        For an unknown metric.
 
     Examples
     --------
@@ -162,20 +180,33 @@ def predicted_error(
     choose("metric", metric, METRICS)
 
     def difference(cos_theta: np.ndarray) -> np.ndarray:
-        """Signed in reflectance, (..., n); (..., 1) of the colours that they make."""
         cos_theta = np.asarray(cos_theta)[..., None]
-        exact, fitted = conductor(cos_theta, surface.eta, surface.k), fit(cos_theta)
-        if metric == "reflectance":
-            return np.asarray(fitted - exact)
-        colours = [np.clip(surface.to_rgb(F), 0.0, 1.0) for F in (exact, fitted)]
-        return np.asarray(delta_e_2000(*colours))[..., None]
+        exact = conductor(cos_theta, surface.eta, surface.k)
+        return differences(surface, exact, fit(cos_theta), metric)
 
     largest = float(np.abs(difference(error_cosines()[0])).max())
-    if surface.alpha is None or not np.isfinite(surface.contrast):
+    if not surface.averaged:
         return largest
+    assert surface.alpha is not None
     low, high = surface.alpha
     alphas = np.unique([low, np.sqrt(low * high), high])
     return min(largest, max(_seen(surface, difference, alpha) for alpha in alphas))
+
+
+def differences(
+    surface: Surface, exact: np.ndarray, fitted: np.ndarray, metric: Metric
+) -> np.ndarray:
+    """By how much reflectances (..., n) differ, in units of a metric.
+
+    Returns
+    -------
+    (..., n) fitted - exact for "reflectance"; (..., 1) CIEDE2000 for "delta-e", of colours that are
+    clipped to what a screen can show.
+    """
+    if metric == "reflectance":
+        return np.asarray(fitted - exact)
+    colours = [np.clip(surface.to_rgb(F), 0.0, 1.0) for F in (exact, fitted)]
+    return np.asarray(delta_e_2000(*colours))[..., None]
 
 
 def _seen(surface: Surface, difference: Callable[[np.ndarray], np.ndarray], alpha: float) -> float:

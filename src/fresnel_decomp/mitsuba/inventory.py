@@ -57,15 +57,19 @@ class Inventory:
     objects: tuple[Any, ...] = field(repr=False)
 
 
-def take_inventory(scene: Any) -> Inventory:
+def take_inventory(scene: Any, contrast: float | None = None) -> Inventory:
     """What is in use in a loaded scene.
 
     Parameters
     ----------
     scene : mi.Scene
+    contrast : float >= 0, optional
+        Of the light at its surfaces, see `prediction.Surface`. By default what the emitters have:
+        that of an even sky, of the pixels of an environment map, or infinite.
     """
     lights = list(scene.emitters())
-    contrast = max((_contrast(light) for light in lights), default=EVEN_SKY)
+    if contrast is None:
+        contrast = max((_contrast(light) for light in lights), default=EVEN_SKY)
     surfaces: list[Surface] = []
     objects: list[Any] = []
     left: list[LeftExact] = []
@@ -111,18 +115,22 @@ def _conductor(name: str, bsdf: Any, kind: str, contrast: float) -> Surface | Le
     eta, k = (_spectrum(texture) for texture in textures)
     eta, k = np.broadcast_arrays(eta, k)
     if not (np.all(eta > 0.0) and np.all(k >= 0.0)):
-        return LeftExact(name, plugin, "its index is not positive: a mirror, or a gap in the data")
+        why = "its index is not positive: a mirror, or a gap in the data"
+        return LeftExact(name, plugin, why, "nothing: it has no curve to represent")
     wavelengths = np.linspace(360.0, 830.0, len(eta)) if mi.is_spectral and len(eta) > 1 else None
     if plugin == "conductor":
         smooth = Surface(name, eta, k, None, contrast, wavelength_nm=wavelengths)
         why = "it is perfectly smooth, and decomposed_conductor is not"
         return LeftExact(name, plugin, why, surface=smooth)
+    alpha = _roughness([parts[key] for key in ("alpha", "alpha_u", "alpha_v") if key in parts])
+    if alpha[0] <= 0.0:
+        return LeftExact(name, plugin, "its roughness is 0 somewhere", "nothing: use alpha > 0")
     ggx = re.search(r"distribution = ggx", str(bsdf), re.I)
     return Surface(
         name,
         eta,
         k,
-        _roughness([parts[key] for key in ("alpha", "alpha_u", "alpha_v") if key in parts]),
+        alpha,
         contrast,
         "ggx" if ggx else "beckmann",
         wavelengths,
@@ -134,10 +142,11 @@ def _without_counterpart(name: str, bsdf: Any, kind: str, contrast: float) -> Le
     why = "no counterpart with another Fresnel term"
     params = mi.traverse(bsdf)
     if "eta" not in params:
-        return LeftExact(name, plugin, why, "it has a Fresnel term of its own")
+        return LeftExact(name, plugin, why, "unknown: its Fresnel term is one of its own")
     eta = float(np.ravel(np.array(dr.detach(params["eta"]), float))[0])
     if eta < 1.0:
-        return LeftExact(name, plugin, f"{why}, and eta < 1 reflects totally")
+        gain = "nothing: no linear basis follows total internal reflection"
+        return LeftExact(name, plugin, f"{why}, and eta < 1 reflects totally", gain)
     alpha = None
     if "alpha" in params:
         values = np.ravel(np.array(dr.detach(params["alpha"]), float))

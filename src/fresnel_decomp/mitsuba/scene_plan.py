@@ -16,7 +16,8 @@ from typing import Any
 import mitsuba as mi
 
 from .._check import input_error
-from .._files import replacing
+from .._files import writable_folder, write_text
+from ..basis import Basis
 from ..plan import Choice, Plan, plan_surfaces
 from ..prediction import Metric
 from . import register
@@ -59,7 +60,10 @@ class ScenePlan:
         source = self._rewritable()
         state = source.parse()
         with tempfile.TemporaryDirectory(prefix="fresnel-plan-") as folder:
-            self._rewrite(state, source.nodes, Path(folder) / "basis.json")
+            path = Path(folder) / "basis.json"
+            if self._own_basis is not None:
+                self._own_basis.save(path)
+            self._rewrite(state, source.nodes, str(path))
             return source.instantiate(state)
 
     def write(self, path: str | os.PathLike[str]) -> None:
@@ -76,9 +80,10 @@ class ScenePlan:
         target = Path(path)
         if target.suffix != ".xml":
             raise input_error(f"'{path}'", "a name ending in .xml", "Rename it.")
+        writable_folder(target.parent)
         state = source.parse()
         basis_path = target.with_name(f"{target.stem}-basis.json")
-        self._rewrite(state, source.nodes, basis_path, beside=True)
+        self._rewrite(state, source.nodes, basis_path.name)
         try:
             text = mi.parser.write_string(state)
         except RuntimeError as error:
@@ -87,8 +92,9 @@ class ScenePlan:
                 "a scene of numbers, strings and file names",
                 "Use apply(), which loads it instead.",
             ) from error
-        with replacing(target) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        if self._own_basis is not None:
+            self._own_basis.save(basis_path)
+        write_text(target, text)
 
     def _rewritable(self) -> _Source:
         if self._source is None:
@@ -106,16 +112,15 @@ class ScenePlan:
         register()
         return self._source
 
-    def _rewrite(
-        self, state: Any, nodes: Sequence[Any], basis_path: Path, beside: bool = False
-    ) -> None:
+    @property
+    def _own_basis(self) -> Basis | None:
         basis = self.plan.basis
-        recipe = ""
-        if basis is not None:
-            recipe = basis.recipe
-            if recipe == "custom":
-                recipe = basis_path.name if beside else str(basis_path)
-                basis.save(basis_path)
+        return basis if basis is not None and basis.recipe == "custom" else None
+
+    def _rewrite(self, state: Any, nodes: Sequence[Any], basis_file: str) -> None:
+        basis = self.plan.basis
+        recipe = "" if basis is None else basis.recipe
+        recipe = basis_file if recipe == "custom" else recipe
         for choice, surface_object in zip(self.plan.choices, self._objects, strict=True):
             if choice.model == "exact":
                 continue
@@ -125,23 +130,30 @@ class ScenePlan:
                     state.nodes[index].props = _planned(old, choice, recipe)
 
 
-def inventory(source: Source) -> Inventory:
+def inventory(source: Source, contrast: float | None = None) -> Inventory:
     """The surfaces, other BSDFs and lights of a scene.
 
     Parameters
     ----------
     source : path, dict or mi.Scene
+    contrast : float, optional
+        See `inventory.take_inventory`.
 
     Raises
     ------
     InputError
         If no variant is set, or the scene cannot be loaded.
     """
-    return take_inventory(_load(source)[0])
+    return take_inventory(_load(source)[0], contrast)
 
 
 def plan_scene(
-    source: Source, max_error: float, metric: Metric = "reflectance", **options: Any
+    source: Source,
+    max_error: float,
+    metric: Metric = "reflectance",
+    *,
+    contrast: float | None = None,
+    **options: Any,
 ) -> ScenePlan:
     """Choose the cheapest Fresnel term for each conductor of a scene.
 
@@ -152,6 +164,9 @@ def plan_scene(
         Dictionaries are parsed twice, so they should not hold tensors, which Mitsuba empties.
     max_error, metric, **options
         As for `plan.plan_surfaces`.
+    contrast : float >= 0, optional
+        Of the light, by default what the emitters have; infinite holds in any light. What objects
+        hide of it is not looked for: in a cave the default predicts too little.
 
     Raises
     ------
@@ -170,7 +185,7 @@ def plan_scene(
     ['schlick']
     """
     scene, parsed = _load(source)
-    found = take_inventory(scene)
+    found = take_inventory(scene, contrast)
     plan = plan_surfaces(found.surfaces, max_error, metric, left=found.left, **options)
     return ScenePlan(plan, found.lights, str(mi.variant()), parsed, found.objects)
 

@@ -34,11 +34,12 @@ def summary(planned: ScenePlan) -> list[str | list[list[str]]]:
             f"Basis of {plan.basis.terms} terms ({origin}), in closed form; with what surfaces "
             f"store, {plan.nbytes} bytes."
         )
-    if plan.table is not None:
-        table = plan.table
+    for table in plan.tables:
+        enough = "" if table.enough else ", more than a tenth of the bound"
         parts.append(
-            f"For image-based light: a table of {table.size} x {table.size} x {table.channels} "
-            f"half floats, {table.nbytes} bytes, adds {table.error:.1e}."
+            f"For image-based light and {table.distribution}: a table of {table.size} x "
+            f"{table.size} x {table.channels} half floats, {table.nbytes} bytes, adds "
+            f"{table.error:.1e}{enough}."
         )
     if not plan.choices:
         parts.append("No conductor to plan for: nothing to carry.")
@@ -53,4 +54,11 @@ def summary(planned: ScenePlan) -> list[str | list[list[str]]]:
         f"Bound {plan.max_error:g} {_UNITS[plan.metric]}, in {planned.variant}; "
         f"lights: {', '.join(planned.lights) or 'none'}."
     )
+    contrasts = {choice.surface.contrast for choice in plan.choices if choice.surface.averaged}
+    if contrasts:
+        parts.append(
+            f"Errors are those in light of contrast {max(contrasts):.3g} (its variance relative to "
+            "its squared mean). Deep shadow and small bright openings have more: --contrast inf "
+            "holds in any light."
+        )
     return parts
