@@ -180,8 +180,13 @@ def test_bad_input(small):
         extract(small, 4, "jointly")
     with pytest.raises(InputError, match="3 training curves for 4 terms"):
         extract(CurveSet("x", small.eta[:3], small.k[:3]), 4)
-    with pytest.raises(InputError, match="F0 = 1; accepted: F0 < 1"):
-        extract(CurveSet("x", [1.5, 1.7, 1.9, 5e-324], [0.0, 0.0, 0.0, 9.0]), 4)
+
+
+def test_the_best_mirrors_have_curves_too():
+    """However extreme an index, its transmittance is above 0, and so is what it is divided by."""
+    extreme = CurveSet("x", [5e-324, 1e300, 1.0], [0.0, 1e300, 1e308])
+    assert np.all(extreme.t0 > 0.0)
+    assert np.all(np.isfinite(extreme.rescaled(np.linspace(0.0, 1.0, 5))))
 
 
 @pytest.mark.parametrize("rule", ["deflation", "joint"])

@@ -81,8 +81,8 @@ class CurveSet:
         near to 1 the reflectance is.
         """
         cos_theta = np.asarray(cos_theta, np.float64)
-        with np.errstate(invalid="ignore"):  # a perfect mirror: 0 / 0
-            return 1.0 - transmittance(cos_theta, self.eta[:, None], self.k[:, None]) / self.t0
+        # T0 > 0: indices are limited, so that none is a perfect mirror
+        return 1.0 - transmittance(cos_theta, self.eta[:, None], self.k[:, None]) / self.t0
 
     @property
     def t0(self) -> np.ndarray:

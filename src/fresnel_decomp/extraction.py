@@ -123,7 +123,7 @@ def extract(
 
     Parameters
     ----------
-    training : CurveSet of n curves, none of them with F0 = 1
+    training : CurveSet of n curves
     terms : int in 3..6
     rule : "deflation" or "joint"
     nodes : up to terms - 2 floats in (0, pi/2)
@@ -162,12 +162,6 @@ def extract(
     # given nodes ride along as extra columns that the SVD does not see
     cos_theta = np.append(np.linspace(0.0, 1.0, grid), np.cos(nodes))
     residual = training.rescaled(cos_theta)
-    if not np.all(np.isfinite(residual)):
-        raise input_error(
-            "a training curve with F0 = 1",
-            "F0 < 1",
-            "Remove perfect mirrors from the training set.",
-        )
     weights = _leading(residual[:, :grid], 1)
     # where metals dip below F0 deeply, b_1 has its largest magnitude there
     weights = weights / (weights @ residual[:, :1])
