@@ -220,6 +220,19 @@ def test_spectral_curve():
     assert Curve(gold.rgb_reflectance)(0.5).shape == (3,)
 
 
+@pytest.mark.parametrize("to", TARGETS)
+def test_curve_without_channels(to):
+    """A scalar cosine gives a scalar, as for the other models."""
+    curve = Curve(lambda c: 0.0 * c + 0.5)
+    assert np.ndim(curve(0.3)) == 0
+    assert curve(COSINES[:, None]).shape == (181, 1)
+    result = convert(curve, to, no_counterpart="nearest")
+    scalars = values(result.value).keys() - {"coefficients", "f_nodes"}
+    assert all(values(result.value)[name].ndim == 0 for name in scalars)
+    assert np.ndim(result.loss.max) == 0
+    assert float(result.value(1.0)) == pytest.approx(0.5)
+
+
 def test_default_basis_is_the_sources():
     nodes = NodeColours(0.5, np.array([0.7, 0.6]), BASIS)
     assert convert(nodes, "coefficients").value.basis is BASIS

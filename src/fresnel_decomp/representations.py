@@ -140,7 +140,8 @@ class Curve:
     Attributes
     ----------
     function : callable
-        Takes (m,) cosines and returns (m, ...) reflectances, one for each channel.
+        Takes (m,) cosines and returns (m, ...) reflectances, one for each channel; (m,) without
+        channels.
 
     Examples
     --------
@@ -167,4 +168,4 @@ class Curve:
             if shape[-1] != 1:
                 break
             shape = shape[:-1]
-        return flat.reshape(*shape, *channels)
+        return flat.reshape((*shape, *channels))
