@@ -20,6 +20,7 @@ import csv
 import hashlib
 import io
 import json
+import textwrap
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -46,7 +47,7 @@ METALS = (
     *("V", "W", "Zn", "Zr"),
 )
 BOUNDS = {"mean of all": 0.10, "mean of each": 0.25, "largest to 85°": 1.0, "largest": 2.0}
-"""For four terms of the recipe `notebook` in D65."""
+"""On four terms of a recipe in D65."""
 
 MARKS = ("<!-- colour report -->", "<!-- end -->")
 HELD_MARKS = ("<!-- colour report held -->", "<!-- end -->")
@@ -91,7 +92,7 @@ def report(
     folder = writable_folder(out or ROOT / "out" / ("held" if held else "colour"))
     rows = compute(names, lights, folder, force)
     write_csv(folder / "report.csv", rows)
-    text = held_table(rows) if held else f"{tables(rows)}\n\n{terms_section(names)}"
+    text = held_section(rows) if held else f"{tables(rows)}\n\n{terms_section(names)}"
     write_text(folder / "report.md", text + "\n")
     click.echo(text)
     if not held:
@@ -194,6 +195,8 @@ def tables(rows: Rows) -> str:
     parts += [
         f"Mean and largest ΔE00 of each material in {lights[0]}:",
         material_table([row for row in rows if row["illuminant"] == lights[0]]),
+        f"Materials in bounds with four terms, in {lights[0]}:",
+        bounds_list([row for row in rows if row["illuminant"] == lights[0]]),
     ]
     return "\n\n".join(parts)
 
@@ -277,6 +280,34 @@ def terms_section(names: Sequence[str]) -> str:
     """The default material table by number of terms, with its heading."""
     lines = [[model, numbers] for model, numbers in models.colour_errors(names).items()]
     return "By number of terms, in D65:\n\n" + markdown(["ΔE00, mean / largest", "colour"], lines)
+
+
+def bounds_list(rows: Rows) -> str:
+    """For each recipe, how many materials keep the bounds, and what the others have."""
+    lines = []
+    for recipe in RECIPES:
+        group = [row for row in rows if row["model"] == models.spectral(recipe)]
+        outside = [excess(row) for row in group if not meets_bounds(row)]
+        line = f"- *{recipe}*: {len(group) - len(outside)} of {len(group)}"
+        line += f"; outside: {', '.join(outside)}." if outside else "."
+        lines.append(textwrap.fill(line, 100, subsequent_indent="  ", break_on_hyphens=False))
+    return "\n".join(lines)
+
+
+def excess(row: dict[str, Any]) -> str:
+    """A material with those of its numbers that are outside of the bounds."""
+    parts = [f"mean {row['mean']:.4f}"] if row["mean"] > BOUNDS["mean of each"] else []
+    if row["max_to_85"] >= BOUNDS["largest to 85°"]:
+        parts.append(f"{row['max_to_85']:.2f} to 85°")
+    if row["max"] >= BOUNDS["largest"]:
+        parts.append(f"{row['max']:.2f} at {row['at_degrees']:.0f}°")
+    return f"{short(row['material'])} ({', '.join(parts)})"
+
+
+def held_section(rows: Rows) -> str:
+    """Table and list of held data, as Markdown, in the first light."""
+    chosen = [row for row in rows if row["illuminant"] == rows[0]["illuminant"]]
+    return f"{held_table(rows)}\n\n{bounds_list(chosen)}"
 
 
 def held_table(rows: Rows) -> str:
