@@ -205,6 +205,36 @@ def test_bad_arguments(arguments, message):
         convert(METAL, *arguments, **options)
 
 
+@pytest.mark.parametrize("source", [0.5, None, lambda c: c, "Au", Schlick], ids=repr)
+def test_what_is_no_model(source):
+    for call in (lambda: convert(source, "f82"), lambda: loss(METAL, source)):
+        with pytest.raises(InputError, match=r"model of reflectance; accepted.*Curve\(function\)"):
+            call()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((0.5, 2.0), r"metallic = 2; accepted: values in \[0, 1\]"),
+        ((0.5, np.nan), "metallic = nan"),
+        (([0.2, -0.1, 0.3],), "base_colour = -0.1"),
+        ((1.02,), r"Schlick\(f0\)"),
+    ],
+)
+def test_metallic_base_range(arguments, message):
+    with pytest.raises(InputError, match=message):
+        MetallicBase(*arguments)
+
+
+def test_colours_outside_of_the_gamut_are_kept():
+    """A negative channel is a colour that the space cannot hold, which F82 can express."""
+    source = Schlick(np.array([-0.1, 0.5, 1.02]))
+    made = convert(source, "f82")
+    np.testing.assert_array_equal(made.value.f0, source.f0)
+    assert not np.any(made.moved)
+    assert made.loss.max.max() < 1e-15
+
+
 # --- sources of other kinds ----------------------------------------------------------------------
 
 
