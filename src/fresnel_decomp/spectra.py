@@ -293,8 +293,8 @@ def load_material(
             raise input_error(
                 f"material {text!r} is {flag}",
                 "data that cover 400–700 nm without gaps or contradictions",
-                f"Accept it with allow_{kind}=True (--allow-{kind} on the command line), or choose "
-                "another source.",
+                f"Accept it with allow_{kind}=True (--allow-{kind} on the command line, a "
+                "property of decomposed_conductor), or choose another source.",
             )
     return replace(material, interpolation=interpolation)
 
