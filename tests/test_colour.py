@@ -16,6 +16,7 @@ from fresnel_decomp.colour import (
     delta_e_2000,
     gamut_excess,
     linear_to_srgb,
+    luminance_weights,
     rgb_weights,
     srgb_hex,
 )
@@ -81,6 +82,12 @@ def test_user_illuminant_equals_the_named_one_at_any_scale():
         ({"illuminant": ([400.0, 700.0], [1.0, np.nan])}, "finite"),
         ({"illuminant": ([400.0, 700.0], [1.0, -1.0])}, "power >= 0"),
         ({"illuminant": ([400.0, 700.0], [0.0, 0.0])}, "power >= 0"),
+        ({"illuminant": 5}, "an illuminant 5; accepted: 'D65'.*Give a spectrum"),
+        ({"illuminant": None}, "an illuminant None; accepted: 'D65'"),
+        ({"illuminant": ([400.0, 700.0], [1.0, 1.0], [1.0, 1.0])}, "accepted: 'D65'.*two arrays"),
+        ({"illuminant": (["400", "red"], [1.0, 1.0])}, "two arrays of numbers"),
+        ({"illuminant": ([400.0, 700.0], [[1.0], [1.0, 2.0]])}, "two arrays of numbers"),
+        ({"illuminant": (400.0, 700.0)}, "accepted: .wavelength_nm, power"),
         ({"illuminant": ([589.0, 590.0], [1.0, 1.0])}, "covers 400–700 nm"),
         ({"illuminant": ([400.0, 588, 590.0, 700.0], [0, 0, 1, 0])}, "inside the gamut of sRGB"),
     ],
@@ -88,6 +95,12 @@ def test_user_illuminant_equals_the_named_one_at_any_scale():
 def test_bad_arguments(arguments, message):
     with pytest.raises(InputError, match=message):
         rgb_weights(**arguments)
+
+
+@pytest.mark.parametrize("illuminant", [5, None, ([400.0, 700.0],), "D66"])
+def test_bad_light_for_luminance(illuminant):
+    with pytest.raises(InputError, match="accepted"):
+        luminance_weights(illuminant)
 
 
 def _linear_srgb(lab):

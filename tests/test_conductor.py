@@ -753,6 +753,17 @@ def test_integrated_spectra_are_the_materials_coefficients(recipe: str, variant:
     assert np.array(gold["c0.value"]).ravel()[0] > 1.02  # out of gamut, and kept
 
 
+@only(("name", "permission"), [("Se", "allow_partial"), ("AlAs", "allow_broken")])
+def test_incomplete_spectra_are_integrated_if_asked(
+    name: str, permission: str, variant: str
+) -> None:
+    plugin = conductor(material=name, illuminant="D65", **{permission: True})
+    c = load_material(name, **{permission: True}).rgb_coefficients(load_basis(), "D65")
+    for i, values in enumerate(c.T):
+        got = np.array(mi.traverse(plugin)[f"c{i}.value"]).ravel()
+        np.testing.assert_allclose(got, values, rtol=2e-7, atol=1e-8)
+
+
 @only("fresnel", ["schlick", "f82"])
 def test_integrated_spectra_by_other_terms(fresnel: str, variant: str) -> None:
     gold = load_material("Au")
@@ -793,7 +804,10 @@ def test_spectral_variants_keep_the_spectra(fresnel: str, variant: str, tmp_path
         ({"material": "Au", "illuminant": "D66"}, "Did you mean 'D65'"),
         ({"material": "Au", "illuminant": "D65", "fresnel": "exact"}, "spectral variant"),
         ({"eta": 1.0, "k": 2.0, "illuminant": "D65"}, "illuminant with eta, k"),
-        ({"material": "Se", "illuminant": "D65"}, "partial"),
+        ({"material": "Se", "illuminant": "D65"}, "partial.*allow_partial=True"),
+        ({"material": "Se", "illuminant": "D65", "allow_broken": True}, "partial"),
+        ({"material": "SnTe", "illuminant": "D65"}, "broken.*allow_broken=True"),
+        ({"material": "Se", "allow_partial": True}, "allow_partial without illuminant"),
         ({"material": "none", "illuminant": "D65"}, "unknown"),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -205,6 +206,36 @@ def test_bad_arguments(arguments, message):
         convert(METAL, *arguments, **options)
 
 
+@pytest.mark.parametrize("source", [0.5, None, lambda c: c, "Au", Schlick], ids=repr)
+def test_what_is_no_model(source):
+    for call in (lambda: convert(source, "f82"), lambda: loss(METAL, source)):
+        with pytest.raises(InputError, match=r"model of reflectance; accepted.*Curve\(function\)"):
+            call()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((0.5, 2.0), r"metallic = 2; accepted: values in \[0, 1\]"),
+        ((0.5, np.nan), "metallic = nan"),
+        (([0.2, -0.1, 0.3],), "base_colour = -0.1"),
+        ((1.02,), r"Schlick\(f0\)"),
+    ],
+)
+def test_metallic_base_range(arguments, message):
+    with pytest.raises(InputError, match=message):
+        MetallicBase(*arguments)
+
+
+def test_colours_outside_of_the_gamut_are_kept():
+    """A negative channel is a colour that the space cannot hold, which F82 can express."""
+    source = Schlick(np.array([-0.1, 0.5, 1.02]))
+    made = convert(source, "f82")
+    np.testing.assert_array_equal(made.value.f0, source.f0)
+    assert not np.any(made.moved)
+    assert made.loss.max.max() < 1e-15
+
+
 # --- sources of other kinds ----------------------------------------------------------------------
 
 
@@ -218,6 +249,36 @@ def test_spectral_curve():
     assert result.loss.delta_e_max == pytest.approx(delta_e_2000(exact, fitted).max(), rel=1e-6)
     assert Curve(gold.rgb_reflectance)(COSINES[:, None]).shape == (181, 3)
     assert Curve(gold.rgb_reflectance)(0.5).shape == (3,)
+
+
+@pytest.mark.parametrize("to", TARGETS)
+def test_curve_without_channels(to):
+    """A scalar cosine gives a scalar, as for the other models."""
+    curve = Curve(lambda c: 0.0 * c + 0.5)
+    assert np.ndim(curve(0.3)) == 0
+    assert curve(COSINES[:, None]).shape == (181, 1)
+    result = convert(curve, to, no_counterpart="nearest")
+    scalars = values(result.value).keys() - {"coefficients", "f_nodes"}
+    assert all(values(result.value)[name].ndim == 0 for name in scalars)
+    assert np.ndim(result.loss.max) == 0
+    assert float(result.value(1.0)) == pytest.approx(0.5)
+
+
+def test_page_quotes_the_losses_of_copper():
+    copper = Curve(load_material("Cu").rgb_reflectance)
+    tint, pair = (
+        convert(copper, to, no_counterpart="nearest").loss for to in ("linear_tint", "gulbrandsen")
+    )
+    numbers = [tint.max.max(), tint.delta_e_mean, pair.max.max(), pair.delta_e_mean]
+    largest, mean, *others = (
+        f"{number:.{digits}f}".removeprefix("0")
+        for number, digits in zip(numbers, (3, 2, 3, 2), strict=True)
+    )
+    page = (Path(__file__).parent.parent / "docs" / "colour.md").read_text(encoding="utf-8")
+    assert (
+        f"is off by up to {largest} in reflectance and by a mean ΔE00 of {mean}, against "
+        f"{others[0]} and {others[1]} with $(r, g)$"
+    ) in " ".join(page.split())
 
 
 def test_default_basis_is_the_sources():

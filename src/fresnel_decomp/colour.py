@@ -17,6 +17,7 @@ so the first call that needs it imports it.
 
 from __future__ import annotations
 
+import reprlib
 import warnings
 from collections.abc import Collection, Mapping
 from functools import lru_cache
@@ -104,7 +105,7 @@ def rgb_weights(
     >>> np.round(rgb_weights("A") @ np.full(WAVELENGTH_NM.size, 0.5), 12)
     array([0.5, 0.5, 0.5])
     """
-    power = _named_power(illuminant) if isinstance(illuminant, str) else _user_power(*illuminant)
+    power = _power(illuminant)
     matching = _matching_functions(choose("observer", observer, OBSERVERS))
     method = ADAPTATIONS[choose("adaptation", adaptation, ADAPTATIONS)]
     xyz = matching * power
@@ -135,7 +136,7 @@ def luminance_weights(
     >>> round(float(luminance_weights("A") @ np.full(471, 0.5)), 12)
     0.5
     """
-    power = _named_power(illuminant) if isinstance(illuminant, str) else _user_power(*illuminant)
+    power = _power(illuminant)
     weights = _matching_functions(choose("observer", observer, OBSERVERS))[1] * power
     return weights / weights.sum()
 
@@ -240,13 +241,20 @@ def _entry(kind: str, name: str, table: Mapping[str, Any], common: Collection[st
     return table[name if name in table else choose(kind, name, common)]
 
 
-def _named_power(name: str) -> NDArray[np.float64]:
-    spectrum = _entry("illuminant", name, _colour().SDS_ILLUMINANTS, ILLUMINANTS)
-    return np.interp(WAVELENGTH_NM, spectrum.wavelengths, spectrum.values)
-
-
-def _user_power(wavelength_nm: ArrayLike, power: ArrayLike) -> NDArray[np.float64]:
-    wavelength, value = (np.asarray(x, dtype=np.float64) for x in (wavelength_nm, power))
+def _power(illuminant: Illuminant) -> NDArray[np.float64]:
+    """(471,) power of a light over `WAVELENGTH_NM`, of any scale."""
+    if isinstance(illuminant, str):
+        spectrum = _entry("illuminant", illuminant, _colour().SDS_ILLUMINANTS, ILLUMINANTS)
+        return np.interp(WAVELENGTH_NM, spectrum.wavelengths, spectrum.values)
+    try:
+        wavelength, value = (np.asarray(x, dtype=np.float64) for x in illuminant)
+    except (TypeError, ValueError):  # no pair, or no numbers
+        raise input_error(
+            f"an illuminant {reprlib.repr(illuminant)}",
+            f"{', '.join(map(repr, ILLUMINANTS))} or another name of colour-science, or two arrays "
+            "of numbers",
+            "Give a spectrum as (wavelength_nm, power).",
+        ) from None
     valid = (
         wavelength.ndim == 1
         and wavelength.shape == value.shape

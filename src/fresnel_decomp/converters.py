@@ -19,8 +19,9 @@ Parameters have the shape of the source's, channels last if there are any.
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -129,7 +130,8 @@ def convert(
     Raises
     ------
     InputError
-        For an unknown target, and values without a counterpart unless "nearest" is chosen.
+        For a source that is no model, an unknown target, and values without a counterpart unless
+        "nearest" is chosen.
 
     Examples
     --------
@@ -142,6 +144,7 @@ def convert(
     >>> round(float(result.loss.delta_e_mean), 2)
     0.36
     """
+    _check_model(source)
     choose("to", to, TARGETS)
     choose("no_counterpart", no_counterpart, ("raise", "nearest"))
     if not 0.0 < metallic <= 1.0:
@@ -180,6 +183,11 @@ def loss(source: Model, value: Model) -> Loss:
     Dr.Jit arrays are compared by value, without gradients and without colours, since they have no
     axis for the channels.
 
+    Raises
+    ------
+    InputError
+        For something that is no model.
+
     Examples
     --------
     >>> from fresnel_decomp import Exact, Schlick
@@ -187,6 +195,8 @@ def loss(source: Model, value: Model) -> Loss:
     >>> round(float(loss(Exact(1.5), Schlick(0.04)).max), 3)
     0.036
     """
+    _check_model(source)
+    _check_model(value)
     drjit_input = any(is_drjit(x) for model in (source, value) for x in _parameters(model))
     source, value = _in_numpy(source), _in_numpy(value)
     dimensions = max(np.ndim(source(1.0)), np.ndim(value(1.0)))
@@ -412,6 +422,15 @@ def _detached(value: Any) -> Any:
     dr = drjit_module()
     assert dr is not None
     return np.array(dr.detach(value))
+
+
+def _check_model(model: Any) -> None:
+    if isinstance(model, type) or not (is_dataclass(model) and callable(model)):
+        raise input_error(
+            f"{reprlib.repr(model)} as a model of reflectance",
+            "an object of `models` or `representations`, such as Exact(eta, k) or Schlick(f0)",
+            "Wrap a function of the cosine in Curve(function).",
+        )
 
 
 def _parameters(model: Any) -> list[Any]:

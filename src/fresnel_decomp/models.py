@@ -166,7 +166,8 @@ class F82:
 
     Attributes
     ----------
-    f0, f82 : (...) float, reflectances at normal incidence and at cos = 1/7
+    f0, f82 : (...) float, in [0, 1] for reflectances at normal incidence and at cos = 1/7; colours
+        may leave it
     """
 
     name: ClassVar[str] = "f82"

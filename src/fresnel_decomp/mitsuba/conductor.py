@@ -22,6 +22,7 @@ from ..basis import Basis, load_basis
 from ..colour import WAVELENGTH_NM, luminance_weights, rgb_weights
 from ..fresnel import conductor
 from ..parametrization import F82_COSINE
+from ..spectra import Material as Spectrum
 from ..spectra import load_material
 from .fresnel_terms import F82, Decomposition, Exact, Material, Schlick, parameter_set
 from .ranges import check_range, recording
@@ -32,6 +33,8 @@ __all__ = ["DecomposedConductor", "plugin_class"]
 _log = logging.getLogger(__name__)
 
 _OWN_SLOTS = ("__dict__", "__weakref__")
+
+_PERMISSIONS = ("allow_partial", "allow_broken")
 
 _LEAST_COSINE = 1e-12
 """The squared tangent of a lower direction, and its derivatives, would leave float32."""
@@ -63,6 +66,9 @@ class DecomposedConductor:
         spectrum in RGB and monochromatic variants, once, at 0° and at the nodes. So colours are
         those that a spectral rendering in this light has, which one index per channel misses. Not
         for "exact" there. Spectral variants take the spectra themselves.
+    allow_partial, allow_broken : bool
+        With `illuminant`: accept data that do not cover 400–700 nm, or are broken, as the options
+        of `load_material` of the same names do (default false).
     fresnel : {"decomposition", "exact", "schlick", "f82"}
         Fresnel term (default "decomposition"). "exact" needs `material`, (eta, k) or (r, g).
     recipe, terms : str, int
@@ -147,9 +153,18 @@ class DecomposedConductor:
             )
         preset = str(props["material"]) if kind == "material" else ""
         integrated = "illuminant" in props
+        unused = [name for name in _PERMISSIONS if name in props and not integrated]
+        if unused:
+            raise input_error(
+                f"{' and '.join(unused)} without illuminant",
+                "with material and illuminant",
+                "Without illuminant data are taken as they are; remove it.",
+            )
         if integrated and preset:
             illuminant = str(props["illuminant"])
-            kind, values = _integrated(preset, illuminant, fresnel, lambda: basis)
+            partial, broken = (bool(props.get(name, False)) for name in _PERMISSIONS)
+            data = load_material(preset, allow_partial=partial, allow_broken=broken)
+            kind, values = _integrated(data, illuminant, fresnel, lambda: basis)
             for name, value in values.items():
                 props[name] = value
             self.parameters = {name: props.get_unbounded_texture(name) for name in values}
@@ -365,10 +380,9 @@ def _preset(name: str) -> dict[str, Any]:
 
 
 def _integrated(
-    name: str, illuminant: str, fresnel: str, basis: Callable[[], Basis]
+    material: Spectrum, illuminant: str, fresnel: str, basis: Callable[[], Basis]
 ) -> tuple[str, dict[str, Any]]:
     """Kind and values of the parameters that stand for a whole spectrum."""
-    material = load_material(name)
     weights = rgb_weights(illuminant)  # refuses unknown lights in every variant
     if mi.is_spectral:
         eta, k = material.at(WAVELENGTH_NM)
