@@ -195,9 +195,10 @@ def _cleaned(
 
 
 def _on_numpy(formula: Any, arguments: tuple[Any, ...], precision: str) -> list[Any]:
-    for name, value in zip(NAMES, arguments, strict=False):
-        _check_scalar(name, value)
     given = real_arrays(**dict(zip(NAMES, arguments, strict=False)))
+    for name, value in zip(NAMES, given, strict=False):
+        if value.ndim == 0:
+            _check_scalar(name, float(value))
     result = floating_type(*arguments)
     native = precision == "native" and result.itemsize <= 4
     work = np.dtype(np.float32 if native else np.float64)
@@ -215,10 +216,7 @@ def _on_numpy(formula: Any, arguments: tuple[Any, ...], precision: str) -> list[
     return values
 
 
-def _check_scalar(name: str, value: Any) -> None:
-    if np.ndim(value) != 0 or isinstance(value, bool) or not np.isreal(value):
-        return
-    number = float(value)
+def _check_scalar(name: str, number: float) -> None:
     good, accepted, advice = {
         "cos_theta": (
             0.0 <= number <= 1.0,
@@ -242,14 +240,13 @@ def _on_drjit(ops: DrJitOps, formula: Any, arguments: tuple[Any, ...], precision
     for name, value in zip(NAMES, arguments, strict=False):
         if not dr.is_array_v(value):
             _check_scalar(name, value)
-        elif not dr.is_float_v(value):
+        elif not dr.is_float_v(value) or dr.is_special_v(value):
             raise input_error(
                 f"{name} of type {type(value).__name__}",
-                "a floating-point Dr.Jit array",
-                "Convert it first, e.g. mi.Float(value).",
+                "a floating-point Dr.Jit array of real numbers",
+                "Convert it first, e.g. mi.Float(value); pass eta and k as two arrays.",
             )
-    # one common type, so that a literal cannot pin the precision of an intermediate
-    result = type(dr.detach(sum(value * 0.0 for value in arguments)))
+    result = _common_type(dr, arguments)
     kind = dr.type_v(result)
     double = kind == dr.VarType.Float64
     compensated = double or precision == "native"
@@ -279,3 +276,17 @@ def _on_drjit(ops: DrJitOps, formula: Any, arguments: tuple[Any, ...], precision
             value = dr.replace_grad(value, tangent)
         results.append(value)
     return results
+
+
+def _common_type(dr: Any, arguments: tuple[Any, ...]) -> type:
+    """The type of all together, so that a literal cannot pin the precision of an intermediate."""
+    try:
+        return type(dr.detach(sum(value * 0.0 for value in arguments)))
+    except (RuntimeError, TypeError) as error:  # what Dr.Jit raises costs nothing where it does not
+        arrays = [value for value in arguments if dr.is_array_v(value)]
+        raise input_error(
+            f"Dr.Jit arrays of types {', '.join(type(value).__name__ for value in arrays)} "
+            f"and shapes {', '.join(str(dr.shape(value)) for value in arrays)}",
+            "arrays of one backend whose shapes broadcast",
+            "Give each array one entry, or as many as the others have.",
+        ) from error
