@@ -30,15 +30,15 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
-from accuracy_table import markdown
+from _markdown import insert, markdown, page_with
 from fresnel_decomp import conductor, dielectric, doctor
 from fresnel_decomp._files import write_json
 from speed_table import UNROLL, about, describe, measure
-from stability import insert
 
 Array = NDArray[np.float64]
 Run = Callable[[], Any]
 
+MARKS = ("<!-- tables -->\n", "<!-- end of tables -->\n")
 INDEX = (1.5, 2.0)
 """eta and k of the one material."""
 
@@ -224,7 +224,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--turns", type=int, default=19, help=f"{UNROLL} evaluations each")
     parser.add_argument("--threads", type=int, help="of the LLVM backend; default: all")
     parser.add_argument("--out", type=Path, help="also write the numbers to this JSON file")
-    parser.add_argument("--page", type=Path, help="also put the tables into this Markdown file")
+    parser.add_argument(
+        "--page", type=page_with(MARKS), help="also put the tables into this Markdown file"
+    )
     options = parser.parse_args(arguments)
     if options.rounds < 9:
         parser.error(f"--rounds {options.rounds}: accepted are 9 and more; a median needs them")
@@ -260,7 +262,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         ]
         write_json(options.out, {"about": facts, "results": rows})
     if options.page:
-        insert(options.page, text)
+        insert(options.page, text, MARKS)
 
 
 def _facts(options: argparse.Namespace) -> dict[str, Any]:
