@@ -19,7 +19,8 @@ Every function takes Python floats, NumPy arrays or Dr.Jit arrays of any backend
 returns the same kind. Rule for bad input, here and in `parametrization`: a *scalar*
 (NumPy's, and arrays without dimensions, included) outside its range raises `InputError`; in
 *arrays*, cos_theta is clamped to [0, 1], and a NaN, an infinity, eta <= 0 or k < 0 gives NaN at
-that entry. Every other entry gives a number in [0, 1].
+that entry. Every other entry gives a number in [0, 1]. What is no real number (complex numbers,
+truth values, strings) and shapes that do not broadcast raise `InputError` in any case.
 
 "wide" on float32 has no limits beyond those of the type. Where float64, or float32 with "native",
 computes in its own type, |m|⁶ has to fit: there an eta or k beyond 2^160, or 2^20, counts as that,
