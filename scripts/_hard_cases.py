@@ -283,7 +283,7 @@ def read(path: Path, regions: Iterable[str] = REGIONS) -> Points:
         raise input_error(
             f"'{path}' without {', '.join(sorted(missing))}",
             "a table of hard cases",
-            "Leave --reference out to use the points that this script makes.",
+            "Leave --hard-cases out to use the points that this script makes.",
         )
     names = ("cos_theta_hex", "eta_hex", "k_hex")
     inputs = np.array([[float.fromhex(row[name]) for row in rows] for name in names])

@@ -1,11 +1,24 @@
-"""Where scripts put their tables in the pages of the documentation."""
+"""Tables in Markdown, and where scripts put them in the pages of the documentation."""
 
 from __future__ import annotations
 
+import argparse
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from fresnel_decomp._check import input_error
+from fresnel_decomp._check import InputError, input_error
 from fresnel_decomp._files import write_text
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table with aligned columns."""
+    lines = [list(head), *map(list, rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(head))]
+    lines.insert(1, ["-" * width for width in widths])
+    return "\n".join(
+        "| " + " | ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) + " |"
+        for line in lines
+    )
 
 
 def insert(page: Path, text: str, marks: tuple[str, str]) -> None:
@@ -16,12 +29,35 @@ def insert(page: Path, text: str, marks: tuple[str, str]) -> None:
     InputError
         If they are not there once each.
     """
+    before, after = _around(page, marks)
+    write_text(page, f"{before}{marks[0]}\n{text}\n\n{marks[1]}{after}")
+
+
+def page_with(*marks: tuple[str, str]) -> Callable[[str], Path]:
+    """A type for argparse: a Markdown file in which `insert` finds these pairs of marks.
+
+    So a long run does not end with a page that has no place for its tables.
+    """
+
+    def page(name: str) -> Path:
+        try:
+            for pair in marks:
+                _around(Path(name), pair)
+        except (InputError, OSError) as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+        return Path(name)
+
+    return page
+
+
+def _around(page: Path, marks: tuple[str, str]) -> tuple[str, str]:
+    """What stands before and after two marks."""
     before, *rest = page.read_text(encoding="utf-8").split(marks[0])
-    after = rest[0].split(marks[1])[1:] if len(rest) == 1 else []
-    if len(after) != 1:
+    after = rest[0].split(marks[1]) if len(rest) == 1 else []
+    if len(after) != 2:
         raise input_error(
             f"'{page}' without a place for the tables",
             f"lines '{marks[0].strip()}' and '{marks[1].strip()}' in it",
             "Add them.",
         )
-    write_text(page, f"{before}{marks[0]}\n{text}\n\n{marks[1]}{after[0]}")
+    return before, after[1]

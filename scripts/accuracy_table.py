@@ -31,6 +31,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from _colour_models import colour_errors
+from _markdown import markdown
 from fresnel_decomp import (
     F82,
     RECIPES,
@@ -267,17 +268,6 @@ def _models_by_sets(
         for name in models
     ]
     return markdown([title, *results, *more], rows)
-
-
-def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table with aligned columns."""
-    lines = [list(head), *map(list, rows)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(head))]
-    lines.insert(1, ["-" * width for width in widths])
-    return "\n".join(
-        "| " + " | ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) + " |"
-        for line in lines
-    )
 
 
 def write(path: Path, results: dict[str, dict[str, Errors]], counts: dict[str, int]) -> None:

@@ -31,8 +31,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from _markdown import insert
-from accuracy_table import markdown
+from _markdown import insert, markdown
 from fresnel_decomp import AlbedoTable, __version__, directional_albedo, doctor, load_basis
 from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import write_json

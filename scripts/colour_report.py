@@ -34,8 +34,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 import _colour_models as models
 from _figure import ROOT, main
+from _markdown import markdown
 from _swatches import TELLING, draw_all, draw_models
-from accuracy_table import markdown
 from fresnel_decomp import RECIPES, __version__, list_materials, load_basis, load_material
 from fresnel_decomp._check import choose, input_error
 from fresnel_decomp._files import writable_folder, write_json, write_text

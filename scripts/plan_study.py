@@ -22,14 +22,14 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from accuracy_table import markdown
+from _markdown import insert, markdown, page_with
 from fresnel_decomp import __version__, doctor
-from fresnel_decomp._files import writable_folder, write_json, write_text
+from fresnel_decomp._files import writable_folder, write_json
 from fresnel_decomp.images import read_exr, write_exr
 
 BOUNDS = (0.02, 0.005, 0.001)
 METALS = ("gold", "aluminium")
-MARKS = ("<!-- plans -->", "<!-- end of plans -->")
+MARKS = ("<!-- plans -->\n", "<!-- end of plans -->\n")
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--size", type=int, default=384, help="width in pixels")
     parser.add_argument("--spp", type=int, default=256)
     parser.add_argument("--folder", type=Path, default=Path("out/plans"), help="of the renders")
-    parser.add_argument("--page", type=Path, help="replace the table between the marks of a page")
+    parser.add_argument(
+        "--page", type=page_with(MARKS), help="replace the table between the marks of a page"
+    )
     parser.add_argument("--picture", type=Path, help="draw a picture")
     parser.add_argument("--out", type=Path, help="also write the numbers to this JSON file")
     options = parser.parse_args(arguments)
@@ -164,12 +166,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     broken = violations(rows)
     print(*broken, sep="\n")
     if options.page:
-        page = options.page.read_text(encoding="utf-8")
-        before, _, rest = page.partition(MARKS[0])
-        _, _, after = rest.partition(MARKS[1])
-        if not rest or MARKS[1] not in rest:
-            parser.error(f"--page {options.page}: accepted is a page with the marks {MARKS}")
-        write_text(options.page, f"{before}{MARKS[0]}\n\n{text}\n\n{MARKS[1]}{after}")
+        insert(options.page, text, MARKS)
     if options.picture:
         draw(images, options.picture)
     if options.out:

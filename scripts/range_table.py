@@ -25,8 +25,9 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
+from _markdown import insert, markdown, page_with
 from accuracy_table import SETS as ACCURACY_SETS
-from accuracy_table import TERMS, markdown
+from accuracy_table import TERMS
 from fresnel_decomp import (
     RECIPES,
     Basis,
@@ -39,7 +40,7 @@ from fresnel_decomp import (
     load_basis,
     load_material,
 )
-from fresnel_decomp._files import write_json, write_text
+from fresnel_decomp._files import write_json
 
 
 def total_reflection() -> CurveSet:
@@ -52,7 +53,7 @@ def total_reflection() -> CurveSet:
 SETS: dict[str, Callable[[], CurveSet]] = {**ACCURACY_SETS, "tir": total_reflection}
 ROUNDING = 1e-9
 CHUNK = 256
-MARKS = ("<!-- range tables -->", "<!-- end of range tables -->")
+MARKS = ("<!-- range tables -->\n", "<!-- end of range tables -->\n")
 
 Array = NDArray[np.float64]
 
@@ -86,7 +87,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS))
     parser.add_argument("--terms", nargs="+", type=int, choices=TERMS, default=[4])
-    parser.add_argument("--page", type=Path, help="replace the tables between the marks of a page")
+    parser.add_argument(
+        "--page", type=page_with(MARKS), help="replace the tables between the marks of a page"
+    )
     parser.add_argument("--out", type=Path, help="also write the numbers to this JSON file")
     options = parser.parse_args(arguments)
     chosen = {name: SETS[name]() for name in options.sets}
@@ -105,12 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     text = f"{range_table(results)}\n\n{clamp_table(results)}\n\n{colour_table(found)}"
     print(text)
     if options.page:
-        page = options.page.read_text(encoding="utf-8")
-        before, _, rest = page.partition(MARKS[0])
-        _, _, after = rest.partition(MARKS[1])
-        if not rest or MARKS[1] not in rest:
-            parser.error(f"--page {options.page}: accepted is a page with the marks {MARKS}")
-        write_text(options.page, f"{before}{MARKS[0]}\n\n{text}\n\n{MARKS[1]}{after}")
+        insert(options.page, text, MARKS)
     if options.out:
         rows = [
             {"recipe": recipe, "terms": terms, "set": name, **asdict(result)}

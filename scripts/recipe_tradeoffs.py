@@ -18,8 +18,9 @@ from pathlib import Path
 import click
 import numpy as np
 
+from _markdown import markdown
 from _page import GREY, Page
-from accuracy_table import SETS, TERMS, markdown
+from accuracy_table import SETS, TERMS
 from fresnel_decomp import CurveSet, curves, gulbrandsen_to_ior
 from fresnel_decomp.regression import Regression, Training, regress
 from fresnel_decomp.regression_recipes import REGRESSION_RECIPES

@@ -25,7 +25,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from accuracy_table import markdown
+from _markdown import markdown
 from fresnel_decomp import RECIPES, delta_e_2000, doctor
 from fresnel_decomp._files import write_json
 

@@ -12,6 +12,9 @@ precisions, float32 in and out. The kernels:
   derivatives wrt all arguments, in forward mode the derivative along one direction. Those of
   Mitsuba's functions are Dr.Jit's.
 
+Also counted are the operations of the streaming kernels with an index for each cosine, as Dr.Jit
+hands them to LLVM, so in llvm_ad variants only.
+
 Before the timing every result is compared with float64. All kernels take turns; a ratio is the
 median over rounds of (function / Mitsuba's in the same round), and ± half the distance between its
 quartiles. Times are those of the kernels, as Dr.Jit's history has them.
@@ -30,17 +33,25 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
-from accuracy_table import markdown
+from _markdown import insert, markdown, page_with
 from fresnel_decomp import conductor, dielectric, doctor
 from fresnel_decomp._files import write_json
 from speed_table import UNROLL, about, describe, measure
-from stability import insert
 
 Array = NDArray[np.float64]
 Run = Callable[[], Any]
 
+MARKS = ("<!-- tables -->\n", "<!-- end of tables -->\n")
+COUNT_MARKS = ("<!-- counts -->\n", "<!-- end of counts -->\n")
 INDEX = (1.5, 2.0)
 """eta and k of the one material."""
+MODES = ("backward", "forward")
+TARGETS = {
+    "streaming": {"native": 1.2, "wide": 2.5},
+    "compute-bound": {"native": 1.4, "wide": 3.0},
+    "value and gradient": {"native": 1.0},
+}
+"""Largest ratio wanted, by the beginning of a kernel's name and by precision."""
 
 
 @dataclass(frozen=True)
@@ -215,6 +226,63 @@ def table(base: str, results: dict[str, dict[str, Cell]]) -> str:
     return markdown([f"time / {base}", *results[base]], rows)
 
 
+def verdicts(results: dict[str, dict[str, dict[str, Cell]]]) -> str:
+    """Whether each ratio, as the tables show it, reaches its target, and how many do."""
+    rows = []
+    for by_name in results.values():
+        for name, cells in by_name.items():
+            precision = name.rpartition(", ")[2]
+            for kind, cell in cells.items():
+                wanted = next(v for start, v in TARGETS.items() if kind.startswith(start))
+                if precision in wanted:
+                    ratio, limit = f"{cell.ratio:.2f}", f"{wanted[precision]:.2f}"
+                    verdict = "met" if float(ratio) <= float(limit) else "missed"
+                    rows.append([f"{name}: {kind}", f"≤ {limit}", ratio, verdict])
+    count = sum(row[-1] == "met" for row in rows)
+    lines = markdown(["target", "wanted", "measured", "verdict"], rows)
+    return f"{lines}\n\n{count} of {len(rows)} targets are met, {len(rows) - count} are missed."
+
+
+def counts() -> list[dict[str, Any]]:
+    """Operations of every function with its value alone and with derivatives, in an LLVM variant.
+
+    Each as (arithmetic, all, in float64), where all takes in what `count_vector_operations` does.
+    """
+    from fresnel_decomp.mitsuba.operations import count_operations, count_vector_operations
+
+    rows = []
+    for candidates in functions().values():
+        for function in candidates:
+            point = (0.5, *INDEX)[: 1 + function.arity]
+            runs: dict[str, Callable[..., Any]] = {"value": function.run}
+            for mode in MODES:
+                runs[f"value and gradient, {mode}"] = _differentiated(function, mode)
+            row: dict[str, Any] = {"function": function.name}
+            for kind, run in runs.items():
+                everything = count_vector_operations(run, *point)
+                double = sum(n for (_, bits), n in everything.items() if bits == 64)
+                arithmetic = count_operations(run, *point).total()
+                row[kind] = (arithmetic, everything.total(), double)
+            rows.append(row)
+    return rows
+
+
+def _differentiated(function: Function, mode: str) -> Callable[..., list[Any]]:
+    return lambda *arguments: with_gradient(function, arguments, mode)
+
+
+def count_table(rows: Sequence[dict[str, Any]]) -> str:
+    """Counts in Markdown."""
+    lines = []
+    for row in rows:
+        cells = []
+        for arithmetic, everything, double in list(row.values())[1:]:
+            wide = f", {double} in float64" if double else ""
+            cells.append(f"{everything} ({arithmetic} arithmetic{wide})")
+        lines.append([row["function"], *cells])
+    return markdown(["operations", *list(rows[0])[1:]], lines)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--variant", default="llvm_ad_rgb", help="an llvm_ad or cuda_ad variant")
@@ -224,7 +292,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--turns", type=int, default=19, help=f"{UNROLL} evaluations each")
     parser.add_argument("--threads", type=int, help="of the LLVM backend; default: all")
     parser.add_argument("--out", type=Path, help="also write the numbers to this JSON file")
-    parser.add_argument("--page", type=Path, help="also put the tables into this Markdown file")
+    parser.add_argument(
+        "--page", type=page_with(MARKS), help="also put the tables into this Markdown file"
+    )
     options = parser.parse_args(arguments)
     if options.rounds < 9:
         parser.error(f"--rounds {options.rounds}: accepted are 9 and more; a median needs them")
@@ -249,8 +319,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
             )
             results[base] = summary(times, options)
     facts = _facts(options)
-    text = "\n\n".join([*(table(*item) for item in results.items()), describe(facts)])
-    print(text)
+    times_text = "\n\n".join(
+        [*(table(*item) for item in results.items()), describe(facts), verdicts(results)]
+    )
+    counted = counts() if options.variant.startswith("llvm") else []
+    counts_text = count_table(counted) if counted else f"Not counted in {options.variant}."
+    print(f"{times_text}\n\n{counts_text}")
     if options.out:
         rows = [
             {"function": name, "kernel": kind, "relative_to": base, **vars(cell)}
@@ -258,9 +332,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
             for name, cells in by_name.items()
             for kind, cell in cells.items()
         ]
-        write_json(options.out, {"about": facts, "results": rows})
+        write_json(options.out, {"about": facts, "results": rows, "operations": counted})
     if options.page:
-        insert(options.page, text)
+        insert(options.page, times_text, MARKS)
+        if counted:
+            insert(options.page, counts_text, COUNT_MARKS)
 
 
 def _facts(options: argparse.Namespace) -> dict[str, Any]:

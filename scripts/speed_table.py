@@ -31,7 +31,8 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
-from accuracy_table import TERMS, markdown
+from _markdown import markdown
+from accuracy_table import TERMS
 from fresnel_decomp import (
     F82,
     RECIPES,

@@ -5,7 +5,7 @@
 For each formula and each region of hostile arguments: the worst error of R in units in the last
 place and absolute, how many values are not finite or outside [0, 1], and the share of partial
 derivatives that are off by more than 1 %. Arguments and exact answers are made in high precision;
-a table of hard cases joins them where there is one.
+a table of hard cases (--hard-cases) joins them where one is given.
 
 float32 formulas get the arguments that are exact in float32, float64 formulas get all. Dr.Jit's
 LLVM threads flush denormals, so formulas that run there are not asked about denormal arguments or
@@ -18,7 +18,7 @@ from __future__ import annotations
 import csv
 import io
 import platform
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -30,7 +30,6 @@ from rich.console import Console
 from rich.progress import Progress
 
 # not Dr.Jit or Mitsuba: `main` has to choose an LLVM first
-import _markdown
 from _hard_cases import (
     GRADIENTS,
     REGIONS,
@@ -40,15 +39,14 @@ from _hard_cases import (
     join,
     read,
 )
+from _markdown import insert, markdown
 from _peer_formulas import FORMULAS, Formula
 from fresnel_decomp import __version__, doctor
 from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import write_json, write_text
 from fresnel_decomp.report import style
 
-ROOT = Path(__file__).resolve().parents[1]
 MARKS = ("<!-- tables -->\n", "<!-- end of tables -->\n")
-TABLE = ROOT.parent / "shared" / "reference" / "hard_cases.csv"
 
 Array = NDArray[np.float64]
 
@@ -286,17 +284,6 @@ def share(value: float | None) -> str:
     return f"{percent:.0f} %" if percent == 0.0 or percent >= 9.95 else f"{percent:.1f} %"
 
 
-def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table with aligned columns."""
-    lines = [list(head), *map(list, rows)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(head))]
-    lines.insert(1, ["-" * width for width in widths])
-    return "\n".join(
-        "| " + " | ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) + " |"
-        for line in lines
-    )
-
-
 # --- the picture ---------------------------------------------------------------------------------
 
 
@@ -458,11 +445,6 @@ def write(path: Path, results: Sequence[Result], about: dict[str, Any]) -> None:
     write_text(path, text.getvalue())
 
 
-def insert(page: Path, text: str) -> None:
-    """Replace what stands between `MARKS` in a Markdown file."""
-    _markdown.insert(page, text, MARKS)
-
-
 def _without_infinity(value: Any) -> Any:
     """Infinite numbers, which JSON does not have, as None."""
     if isinstance(value, dict):
@@ -478,9 +460,9 @@ def _without_infinity(value: Any) -> Any:
 )
 @click.option("--points", default=300, show_default=True, type=click.IntRange(4), help="A region.")
 @click.option(
-    "--reference",
+    "--hard-cases",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="A table of further points.  [default: ../shared/reference/hard_cases.csv, if there]",
+    help="A table of further points.  [default: none]",
 )
 @click.option("--variant", help="Mitsuba variant.  [default: llvm_ad_rgb where LLVM works]")
 @click.option(
@@ -495,7 +477,7 @@ def _without_infinity(value: Any) -> Any:
 def stability(
     regions: tuple[str, ...],
     points: int,
-    reference: Path | None,
+    hard_cases: Path | None,
     variant: str | None,
     out: tuple[Path, ...],
     picture: Path | None,
@@ -505,8 +487,8 @@ def stability(
     for path in out:
         if path.suffix not in (".json", ".csv"):
             raise click.BadParameter(f"'{path}' does not end in .json or .csv", param_hint="--out")
-    if reference is not None and not reference.is_file():
-        raise click.BadParameter(f"there is no file '{reference}'", param_hint="--reference")
+    if hard_cases is not None and not hard_cases.is_file():
+        raise click.BadParameter(f"there is no file '{hard_cases}'", param_hint="--hard-cases")
     console = Console(stderr=True)
     if variant is None:
         usable = doctor.usable_variants()["llvm_ad_rgb"]
@@ -514,12 +496,11 @@ def stability(
         if not usable.usable:
             console.print(f"No LLVM ({usable.reason}): values only, no gradients.")
     doctor.require_variant(variant)
-    table = reference or (TABLE if TABLE.is_file() else None)
     chosen = regions or tuple(REGIONS)
     results: list[Result] = []
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task("exact answers", total=len(chosen) * (points // 2) * 2)
-        cases = collect(chosen, points, table, lambda n: progress.advance(task, n))
+        cases = collect(chosen, points, hard_cases, lambda n: progress.advance(task, n))
         task = progress.add_task("formulas", total=len(FORMULAS))
         for formula in FORMULAS:
             results += measure(formula, cases, variant)
@@ -528,7 +509,7 @@ def stability(
     if out:
         about = {
             "points": len(cases),
-            "table": table.name if table else None,
+            "table": hard_cases.name if hard_cases else None,
             "variant": variant,
             "versions": doctor.report().versions | {"numpy": np.__version__},
             "machine": platform.machine(),
@@ -541,8 +522,19 @@ def stability(
         draw(results, picture)
         click.echo(f"Wrote {picture}", err=True)
     if page:
-        insert(page, f"{summary(results)}\n\n{components(results)}")
+        rows = len(read(hard_cases, chosen)) if hard_cases else 0
+        insert(
+            page,
+            f"{summary(results)}\n\n{components(results)}\n\n{origin(len(cases), rows)}",
+            MARKS,
+        )
         click.echo(f"Wrote {page}", err=True)
+
+
+def origin(points: int, rows: int) -> str:
+    """Where the points come from: `rows` of them from a table of hard cases."""
+    made = f"{points - rows} points made by this script"
+    return f"Of {made} and {rows} rows of a table of hard cases." if rows else f"Of {made}."
 
 
 def report(results: Sequence[Result]) -> str:

@@ -38,9 +38,8 @@ from _figure import (
     shown,
     write_table,
 )
-from _markdown import insert
+from _markdown import insert, markdown
 from _page import GREY, Page
-from accuracy_table import markdown
 from fresnel_decomp import AlbedoTable, directional_albedo, load_basis
 from fresnel_decomp.fast_curves import FastCurves
 from fresnel_decomp.report import style

@@ -271,6 +271,9 @@ def calls():
     }
 
 
+NAMES = ("cos_theta", "eta", "k")
+
+
 @pytest.mark.parametrize("call", calls().values(), ids=calls().keys())
 @pytest.mark.parametrize("precision", ["wide", "native"])
 def test_numpy_kinds(call, precision):
@@ -572,32 +575,42 @@ BAD_INDICES = [
 ]
 
 
-@pytest.mark.parametrize("call", calls().values(), ids=calls().keys())
-def test_bad_array_entries(call):
-    cosines = call(BAD_COSINES, 1.5, 0.0)
-    clamped = call(np.array([0.0, 1.0, 1.0, 0.0, 0.5]), 1.5, 0.0)
-    for value, expected in zip(cosines, clamped, strict=True):
+WITHOUT_K = {"dielectric", "refracted_cosine"}
+FUNCTIONS = pytest.mark.parametrize("name", calls())
+EVERYWHERE = pytest.mark.parametrize("backend", ["numpy", *BACKENDS])
+
+
+def array_type(backend, dtype="float32"):
+    """What makes an array of that backend."""
+    if backend == "numpy":
+        return lambda values: np.array(values, dtype)
+    return float_type(backend, dtype)
+
+
+@FUNCTIONS
+@EVERYWHERE
+def test_bad_cosines_in_arrays(backend, name):
+    Array, call = array_type(backend), calls()[name]
+    found = call(Array(BAD_COSINES), 1.5, 0.0)
+    clamped = call(Array([0.0, 1.0, 1.0, 0.0, 0.5]), 1.5, 0.0)
+    for value, expected in zip(found, clamped, strict=True):
+        value, expected = np.array(value), np.array(expected)
         np.testing.assert_array_equal(value[:4], expected[:4])
         assert np.isnan(value[4])
-    eta, k = np.array([*BAD_INDICES, (1.5, 0.0)]).T
-    if call in (calls()["dielectric"], calls()["refracted_cosine"]):
-        return
-    for value in call(np.full(eta.shape, 0.5), eta, k):
-        bad = np.isnan(value)
-        assert not bad[-1]
-        # those that take no k have nothing to object to in it
-        assert bad[:4].all()
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_bad_entries_of_drjit_arrays(backend):
-    Float = float_type(backend)
+@FUNCTIONS
+@pytest.mark.parametrize("precision", ["wide", "native"])
+@EVERYWHERE
+def test_bad_indices_in_arrays(backend, precision, name):
+    Array, call = array_type(backend), calls()[name]
     eta, k = np.array([*BAD_INDICES, (1.5, 0.0)]).T
-    found = np.array(conductor(0.5, Float(eta), Float(k)))
-    np.testing.assert_array_equal(np.isnan(found), [*[True] * 7, False])
-    found = np.array(conductor(Float(BAD_COSINES), 1.5, 0.0))
-    np.testing.assert_allclose(found[:4], [1.0, 0.04, 0.04, 1.0], rtol=1e-6)
-    assert np.isnan(found[4])
+    bad = [True] * len(BAD_INDICES) + [False]
+    if name in WITHOUT_K:  # nothing to object to in it
+        bad = [not (0.0 < value < np.inf) for value in eta]
+        assert bad == [True] * 4 + [False] * 4
+    for value in call(Array([0.5] * len(eta)), Array(eta), Array(k), precision=precision):
+        np.testing.assert_array_equal(np.isnan(np.array(value)), bad)
 
 
 @pytest.mark.parametrize("scalar", [float, np.float32, np.array])
@@ -624,30 +637,96 @@ def test_bad_scalars(arguments, name, scalar):
                 call(*(scalar(v) for v in arguments[:2]))
 
 
-def test_bad_kinds():
-    with pytest.raises(InputError, match=r"complex128.*accepted: real numbers"):
-        conductor(0.5, 1.5 + 0.1j, 0.0)
-    with pytest.raises(InputError, match="real numbers"):
-        conductor(np.array(["a"]), 1.5, 0.0)
-    with pytest.raises(InputError, match=r"shapes \(3,\), \(4,\), \(\).*broadcast"):
-        conductor(np.zeros(3), np.ones(4), 0.0)
+NO_NUMBERS = {
+    "complex": 1.5 + 0.0j,
+    "complex, NumPy": np.complex64(1.5),
+    "truth": True,
+    "truth, NumPy": np.bool_(True),
+    "string": "1.5",
+    "bytes": b"1.5",
+    "nothing": None,
+    "too large": 10**400,
+    "ragged": [[1.5], [1.5, 1.6]],
+}
+
+
+@FUNCTIONS
+@EVERYWHERE
+@pytest.mark.parametrize("kind", NO_NUMBERS)
+def test_what_is_no_real_number(kind, backend, name):
+    """In the place of each argument, beside scalars and beside arrays."""
+    call, wrong, Array = calls()[name], NO_NUMBERS[kind], array_type(backend)
+    for place in range(2 if name in WITHOUT_K else 3):
+        for others in ([0.5, 1.5, 0.0], [Array([v, v]) for v in (0.5, 1.5, 0.0)]):
+            arguments = [*others[:place], wrong, *others[place + 1 :]]
+            with pytest.raises(InputError, match=r"; accepted: real numbers\. [A-Z].+\.$"):
+                call(*arguments)
+
+
+@FUNCTIONS
+@pytest.mark.parametrize("dtype", ["complex64", "bool", "U1", "object"])
+def test_arrays_of_what_is_no_real_number(dtype, name):
+    for place in range(2 if name in WITHOUT_K else 3):
+        arguments = [0.5, 1.5, 0.0]
+        arguments[place] = np.ones(3).astype(dtype)
+        with pytest.raises(InputError, match=r"types .*; accepted: real numbers\. [A-Z].+\.$"):
+            calls()[name](*arguments)
+
+
+@FUNCTIONS
+@EVERYWHERE
+def test_shapes_that_do_not_broadcast(backend, name):
+    Array, call = array_type(backend), calls()[name]
+    with pytest.raises(InputError, match=r"shapes \(3,\), \(2,\).*; accepted: .*broadcast"):
+        call(Array([0.5, 0.6, 0.7]), Array([1.5, 1.6]), 0.0)
+    if name not in WITHOUT_K:
+        with pytest.raises(InputError, match=r"shapes .*; accepted: .*broadcast"):
+            call(0.5, Array([0.5, 0.6, 0.7]), Array([1.5, 1.6]))
+
+
+def test_unknown_precision():
     with pytest.raises(InputError, match="precision='double' is unknown"):
         conductor(0.5, 1.5, 0.0, precision="double")
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_bad_mixtures(backend):
-    import drjit as dr
-
     Float = float_type(backend)
     for other in (np.array([1.5]), [1.5, 1.6]):
         with pytest.raises(InputError, match=r"together with a Dr.Jit array"):
             conductor(Float(0.5), other, 0.0)
     with pytest.raises(InputError, match="eta=-1;"):
         conductor(Float(0.5), -1.0, 0.0)
-    Int = dr.int32_array_t(Float)
-    with pytest.raises(InputError, match=r"cos_theta of type .*floating-point Dr.Jit array"):
-        conductor(Int(1), 1.5, 0.0)
+
+
+@FUNCTIONS
+@pytest.mark.parametrize("backend", AD_BACKENDS)
+def test_drjit_arrays_of_what_is_no_real_number(backend, name):
+    module = importlib.import_module(float_type(backend).__module__)
+    wrong = [module.Int(1), module.UInt64(1), module.Bool(True), module.Array3i(1, 2, 3)]
+    wrong += [module.Complex2f(1.5, 0.1), module.Quaternion4f(1.5), module.Matrix3f(1.5)]
+    wrong += [module.TensorXi(np.ones((2, 2), np.int32))]
+    for value in wrong:
+        for place in range(2 if name in WITHOUT_K else 3):
+            arguments = [0.5, 1.5, 0.0]
+            arguments[place] = value
+            message = rf"{NAMES[place]} of type {type(value).__name__}; accepted: a floating-point"
+            with pytest.raises(InputError, match=message):
+                calls()[name](*arguments)
+
+
+@pytest.mark.parametrize("backend", AD_BACKENDS)
+def test_nested_drjit_arrays_that_do_not_broadcast(backend):
+    module = importlib.import_module(float_type(backend).__module__)
+    three, two = module.Float([0.5, 0.6, 0.7]), module.Float([1.5, 1.6])
+    tensor = module.TensorXf(np.full((2, 3), 1.5, np.float32))
+    for cos_theta, eta in (
+        (three, module.Array3f(two, 1.0, 2.0)),
+        (module.Array3f(0.5), module.Array2f(1.5)),
+        (tensor, module.TensorXf(np.full((2, 2), 1.5, np.float32))),
+    ):
+        with pytest.raises(InputError, match="arrays of one backend whose shapes broadcast"):
+            conductor(cos_theta, eta, 0.0)
 
 
 TYPES = [("float32", "wide"), ("float32", "native"), ("float64", "wide")]

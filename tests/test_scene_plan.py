@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from fresnel_decomp import InputError, load_basis
+from fresnel_decomp import InputError, conductor, load_basis
 from fresnel_decomp.images import write_exr
 from fresnel_decomp.mitsuba import fresnel_terms, register
-from fresnel_decomp.mitsuba.operations import count_operations
+from fresnel_decomp.mitsuba.operations import count_operations, count_vector_operations
 from fresnel_decomp.mitsuba.scene_plan import inventory, plan_scene
 from fresnel_decomp.prediction import EVEN_SKY, operations
 
@@ -348,6 +349,21 @@ def test_operations_are_those_of_the_kernels(variant: str) -> None:
         return mi.fresnel_conductor(c, mi.Complex2f(eta, k))
 
     assert count_operations(exact, 0.5, 0.2, 3.0).total() == operations("exact", 1)
+    for precision in ("native", "wide"):
+        everything = count_vector_operations(
+            lambda *a, p=precision: conductor(*a, precision=p), 0.5, 0.2, 3.0
+        )
+        arithmetic = count_operations(
+            lambda *a, p=precision: conductor(*a, precision=p), 0.5, 0.2, 3.0
+        )
+        by_name = Counter()
+        for (name, bits), count in everything.items():
+            by_name[name] += count
+            assert bits in ((1, 32) if precision == "native" else (1, 32, 64))
+        assert {name: by_name[name] for name in arithmetic} == arithmetic
+        assert by_name["select"] > 0
+        assert by_name["fcmp"] > 0
+        assert (by_name["fpext"] > 0) == (precision == "wide")
     for channels, pack in ((1, lambda v: v[0]), (3, lambda v: mi.Color3f(*v))):
         for terms in (3, 4, 6):
             basis = load_basis("talk", terms)
@@ -387,6 +403,8 @@ def test_bad_input(scene_file: Path, variant: str) -> None:
     if variant.startswith("scalar"):
         with pytest.raises(InputError, match="variant scalar_rgb"):
             count_operations(lambda x: x, 0.5)
+        with pytest.raises(InputError, match=r"variant scalar_rgb; accepted: an llvm_ad variant"):
+            count_vector_operations(lambda x: x, 0.5)
         return
     mi.set_variant("scalar_rgb")
     with pytest.raises(InputError, match="variant scalar_rgb"):

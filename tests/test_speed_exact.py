@@ -36,17 +36,27 @@ def llvm():
         mi.set_variant(before)
 
 
+PAGE = (ROOT / "docs" / "speed.md").read_text(encoding="utf-8")
+
+
+def cells(line: str) -> list[str]:
+    return [cell.strip() for cell in line.strip("|").split("|")]
+
+
 def head_and_names(markdown: str) -> list[str]:
     """First line of each table, and the first column."""
     rows = [line for line in markdown.splitlines() if line.startswith("|")]
-    heads = [re.sub(r" +", " ", row) for row in rows if row.startswith("| time")]
+    heads = [
+        re.sub(r" +", " ", row) for row in rows if row.startswith(("| time", "| op", "| target"))
+    ]
     return heads + [row.split("|")[1].strip() for row in rows]
 
 
 @pytest.mark.slow  # 30 kernels to compile
 def test_all_ratios(script, llvm, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path, page = tmp_path / "speed.json", tmp_path / "page.md"
-    page.write_text("# Page\n<!-- tables -->\n<!-- end of tables -->\nEnd.\n")
+    marks = [mark for pair in (script.MARKS, script.COUNT_MARKS) for mark in pair]
+    page.write_text("# Page\n" + "".join(marks) + "End.\n")
     quick = ["--rounds", "9", "--points", "10000", "--elements", "64", "--turns", "2"]
     script.main([*quick, "--out", str(path), "--page", str(page)])
     printed = capsys.readouterr().out
@@ -58,10 +68,50 @@ def test_all_ratios(script, llvm, tmp_path: Path, capsys: pytest.CaptureFixture[
     for base in ("mi.fresnel_conductor", "mi.fresnel"):
         own = [row for row in rows.values() if row["function"] == base]
         assert all((row["ratio"], row["spread"]) == (1.0, 0.0) for row in own)
-    assert printed.strip() in page.read_text(encoding="utf-8")
+    times, counted = printed.strip().split("\n\n| operations")
+    assert times in page.read_text(encoding="utf-8")
+    assert f"| operations{counted}" in page.read_text(encoding="utf-8")
+    assert len(report["operations"]) == 6
     # the page of the documentation is of this form
-    documented = (ROOT / "docs" / "speed.md").read_text(encoding="utf-8")
-    assert head_and_names(documented) == head_and_names(printed)
+    assert head_and_names(PAGE) == head_and_names(printed)
+
+
+def test_the_page_has_the_counts_of_these_kernels(script, llvm):
+    _, _, rest = PAGE.partition(script.COUNT_MARKS[0])
+    shown, end, _ = rest.partition(script.COUNT_MARKS[1])
+    assert end
+    assert shown.strip() == script.count_table(script.counts())
+
+
+def test_the_page_has_the_verdicts_of_its_ratios(script):
+    """All targets, each with the ratio of the table above and what follows from it."""
+    rows = [cells(line) for line in PAGE.splitlines() if line.startswith("|")]
+    ratios, head = {}, []
+    for row in rows:
+        if row[0].startswith("time / "):
+            head = row
+        elif "±" in row[1]:
+            ratios |= {
+                f"{row[0]}: {kind}": cell.split()[0]
+                for kind, cell in zip(head[1:], row[1:], strict=True)
+            }
+    assert len(ratios) == 2 * 2 * 5
+    found = {row[0]: row[1:] for row in rows if row[-1] in ("met", "missed")}
+    for name, ratio in ratios.items():
+        function, kind = name.split(": ")
+        wanted = {
+            ("native", "streaming"): "1.20",
+            ("wide", "streaming"): "2.50",
+            ("native", "compute-bound"): "1.40",
+            ("wide", "compute-bound"): "3.00",
+            ("native", "value and gradient"): "1.00",
+        }.get((function.split(", ")[1], kind.split(",")[0]))
+        if wanted:
+            verdict = "met" if float(ratio) <= float(wanted) else "missed"
+            assert found.pop(name) == [f"≤ {wanted}", ratio, verdict]
+    assert not found
+    met, missed = (sum(row[-1] == word for row in rows) for word in ("met", "missed"))
+    assert f"{met} of 16 targets are met, {missed} are missed." in PAGE
 
 
 def test_answers_are_checked_before_timing(script, llvm):

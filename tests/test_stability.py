@@ -145,6 +145,26 @@ def test_one_region(scripts, run, tmp_path, capsys):
     assert "old" not in page
 
 
+def test_hard_cases_join(scripts, run, reference, tmp_path):
+    """Rows of a table are measured with the points that the script makes, and the page says so."""
+    page = tmp_path / "page.md"
+    page.write_text("<!-- tables -->\n<!-- end of tables -->\n")
+    table = reference / "hard_cases.csv"
+    rows = len(scripts.hard_cases.read(table, ["matched"]))
+    assert rows > 20
+    counts = []
+    for given in ((), ("--hard-cases", table)):
+        arguments = ["--variant", "scalar_rgb", "--region", "matched", "--points", 8]
+        assert run(*arguments, *given, "--out", tmp_path / "s.json", "--page", page) == 0
+        text = (tmp_path / "s.json").read_text(encoding="utf-8")
+        results = {(r["formula"], r["region"]): r for r in json.loads(text)["results"]}
+        assert results["ours, float64", "matched"]["worst_ulp"] <= NATIVE_ULP
+        counts.append(results["notebook, float64", "all"]["points"])
+        assert "Of 8 points made by this script" in page.read_text(encoding="utf-8")
+    assert counts == [8, 8 + rows]
+    assert f"and {rows} rows of a table" in page.read_text(encoding="utf-8")
+
+
 def test_without_llvm_values_remain(run, tmp_path):
     out = tmp_path / "s.json"
     assert (
@@ -159,7 +179,7 @@ def test_without_llvm_values_remain(run, tmp_path):
     ("arguments", "message"),
     [
         (["--out", "s.txt"], "does not end in .json or .csv"),
-        (["--reference", "nowhere.csv"], "there is no file"),
+        (["--hard-cases", "nowhere.csv"], "there is no file"),
         (["--region", "moon"], "moon"),
         (["--variant", "llvm_ad_moon"], "llvm_ad_moon"),
         (["--points", "0"], "0"),
@@ -173,7 +193,7 @@ def test_bad_input(run, capsys, arguments, message):
 def test_bad_files(run, tmp_path, capsys):
     table = tmp_path / "t.csv"
     table.write_text("region,precision\nTIR,f32\n")
-    assert run("--region", "TIR", "--points", 4, "--reference", table) == 2
+    assert run("--region", "TIR", "--points", 4, "--hard-cases", table) == 2
     assert "cos_theta_hex" in capsys.readouterr().err
     page = tmp_path / "page.md"
     page.write_text("# No place\n")

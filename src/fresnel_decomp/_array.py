@@ -7,6 +7,7 @@ an argument can only be a Dr.Jit array if the caller has imported it already.
 
 from __future__ import annotations
 
+import reprlib
 import sys
 from collections.abc import Callable
 from types import ModuleType
@@ -30,6 +31,9 @@ __all__ = [
     "polynomial",
     "real_arrays",
 ]
+
+REAL = "fiu"
+"""Kinds of NumPy types that are real numbers."""
 
 
 def drjit_module() -> ModuleType | None:
@@ -203,19 +207,41 @@ def one_kind(*values: Any) -> tuple[Any, ...]:
     Raises
     ------
     InputError
-        If Dr.Jit arrays are mixed with NumPy arrays of one or more dimensions, or lists.
+        If Dr.Jit arrays are mixed with NumPy arrays of one or more dimensions, with lists, or with
+        what is not a real number.
     """
     dr = drjit_module()
     if dr is None or not is_drjit(*values):
         return values
-    for value in values:
-        if not dr.is_array_v(value) and np.ndim(value):
-            raise input_error(
-                "a NumPy array together with a Dr.Jit array",
-                "arrays of one kind, and Python floats",
-                f"Convert first, e.g. mi.Float(array); the array has shape {np.shape(value)}.",
-            )
-    return tuple(value if dr.is_array_v(value) else float(value) for value in values)
+    return tuple(value if dr.is_array_v(value) else _beside_drjit(value) for value in values)
+
+
+def _beside_drjit(value: Any) -> float:
+    """A scalar as a Python float."""
+    if type(value) is float:  # the usual case, without a detour through NumPy
+        return value
+    array = _as_array(value)
+    if array.ndim:
+        raise input_error(
+            "a NumPy array together with a Dr.Jit array",
+            "arrays of one kind, and Python floats",
+            f"Convert first, e.g. mi.Float(array); the array has shape {array.shape}.",
+        )
+    if array.dtype.kind not in REAL:
+        raise input_error(
+            f"{reprlib.repr(value)} of type {type(value).__name__} together with a Dr.Jit array",
+            "real numbers",
+            "Pass eta and k as two of them.",
+        )
+    return float(array)
+
+
+def _as_array(value: Any) -> np.ndarray:
+    """A NumPy array; one of objects where lists are not all of one length."""
+    try:
+        return np.asarray(value)
+    except ValueError:
+        return np.array(None)
 
 
 def real_arrays(**named: Any) -> list[np.ndarray]:
@@ -224,10 +250,10 @@ def real_arrays(**named: Any) -> list[np.ndarray]:
     Raises
     ------
     InputError
-        If they are not real numbers, or do not broadcast.
+        If they are not real numbers (truth values are not), or do not broadcast.
     """
-    arrays = [np.asarray(value) for value in named.values()]
-    if any(array.dtype.kind not in "fiub" for array in arrays):
+    arrays = [_as_array(value) for value in named.values()]
+    if any(array.dtype.kind not in REAL for array in arrays):
         raise input_error(
             f"{', '.join(named)} of types {', '.join(str(array.dtype) for array in arrays)}",
             "real numbers",

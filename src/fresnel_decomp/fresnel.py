@@ -19,7 +19,8 @@ Every function takes Python floats, NumPy arrays or Dr.Jit arrays of any backend
 returns the same kind. Rule for bad input, here and in `parametrization`: a *scalar*
 (NumPy's, and arrays without dimensions, included) outside its range raises `InputError`; in
 *arrays*, cos_theta is clamped to [0, 1], and a NaN, an infinity, eta <= 0 or k < 0 gives NaN at
-that entry. Every other entry gives a number in [0, 1].
+that entry. Every other entry gives a number in [0, 1]. What is no real number (complex numbers,
+truth values, strings) and shapes that do not broadcast raise `InputError` in any case.
 
 "wide" on float32 has no limits beyond those of the type. Where float64, or float32 with "native",
 computes in its own type, |m|⁶ has to fit: there an eta or k beyond 2^160, or 2^20, counts as that,
@@ -195,9 +196,10 @@ def _cleaned(
 
 
 def _on_numpy(formula: Any, arguments: tuple[Any, ...], precision: str) -> list[Any]:
-    for name, value in zip(NAMES, arguments, strict=False):
-        _check_scalar(name, value)
     given = real_arrays(**dict(zip(NAMES, arguments, strict=False)))
+    for name, value in zip(NAMES, given, strict=False):
+        if value.ndim == 0:
+            _check_scalar(name, float(value))
     result = floating_type(*arguments)
     native = precision == "native" and result.itemsize <= 4
     work = np.dtype(np.float32 if native else np.float64)
@@ -215,10 +217,7 @@ def _on_numpy(formula: Any, arguments: tuple[Any, ...], precision: str) -> list[
     return values
 
 
-def _check_scalar(name: str, value: Any) -> None:
-    if np.ndim(value) != 0 or isinstance(value, bool) or not np.isreal(value):
-        return
-    number = float(value)
+def _check_scalar(name: str, number: float) -> None:
     good, accepted, advice = {
         "cos_theta": (
             0.0 <= number <= 1.0,
@@ -242,14 +241,13 @@ def _on_drjit(ops: DrJitOps, formula: Any, arguments: tuple[Any, ...], precision
     for name, value in zip(NAMES, arguments, strict=False):
         if not dr.is_array_v(value):
             _check_scalar(name, value)
-        elif not dr.is_float_v(value):
+        elif not dr.is_float_v(value) or dr.is_special_v(value):
             raise input_error(
                 f"{name} of type {type(value).__name__}",
-                "a floating-point Dr.Jit array",
-                "Convert it first, e.g. mi.Float(value).",
+                "a floating-point Dr.Jit array of real numbers",
+                "Convert it first, e.g. mi.Float(value); pass eta and k as two arrays.",
             )
-    # one common type, so that a literal cannot pin the precision of an intermediate
-    result = type(dr.detach(sum(value * 0.0 for value in arguments)))
+    result = _common_type(dr, arguments)
     kind = dr.type_v(result)
     double = kind == dr.VarType.Float64
     compensated = double or precision == "native"
@@ -279,3 +277,17 @@ def _on_drjit(ops: DrJitOps, formula: Any, arguments: tuple[Any, ...], precision
             value = dr.replace_grad(value, tangent)
         results.append(value)
     return results
+
+
+def _common_type(dr: Any, arguments: tuple[Any, ...]) -> type:
+    """The type of all together, so that a literal cannot pin the precision of an intermediate."""
+    try:
+        return type(dr.detach(sum(value * 0.0 for value in arguments)))
+    except (RuntimeError, TypeError) as error:  # what Dr.Jit raises costs nothing where it does not
+        arrays = [value for value in arguments if dr.is_array_v(value)]
+        raise input_error(
+            f"Dr.Jit arrays of types {', '.join(type(value).__name__ for value in arrays)} "
+            f"and shapes {', '.join(str(dr.shape(value)) for value in arrays)}",
+            "arrays of one backend whose shapes broadcast",
+            "Give each array one entry, or as many as the others have.",
+        ) from error

@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from .._check import input_error
 
-__all__ = ["count_operations"]
+__all__ = ["count_operations", "count_vector_operations"]
 
 _LLVM = re.compile(
     r"= (?:call (?:fast )?<.*?@llvm\.(?P<call>[a-z]+)[\w.]*\.v\d+f\d+"
@@ -21,6 +21,12 @@ _LLVM = re.compile(
 _PTX = re.compile(
     r"^\s*(?P<plain>add|sub|mul|div|fma|sqrt|rsqrt|rcp|min|max|neg|abs)\.(?:\w+\.)*f\d+"
 )
+_VECTOR = re.compile(
+    r"= (?:call (?:fast )?<.*?@llvm\.(?P<call>[a-z]+)"
+    r"|(?P<plain>f(?:add|sub|mul|div|neg|cmp|pext|ptrunc|ptosi|ptoui)|[su]itofp|icmp|select"
+    r"|and|or|xor|add|sub|mul|shl|lshr|ashr|sext|zext|trunc)\b[^,]*<\d+ x )"
+)
+_BITS = {"double": 64, "float": 32, "half": 16}
 
 
 def count_operations(function: Callable[..., Any], *arguments: float) -> Counter[str]:
@@ -53,17 +59,65 @@ def count_operations(function: Callable[..., Any], *arguments: float) -> Counter
         raise input_error(
             f"variant {mi.variant()}", "an llvm_ad or cuda_ad variant", "Scalar code has no kernel."
         )
+    pattern = _LLVM if str(mi.variant()).startswith("llvm") else _PTX
+    matches = map(pattern.search, _lines(function, arguments))
+    return Counter(next(filter(None, match.groups())) for match in matches if match)
+
+
+def count_vector_operations(
+    function: Callable[..., Any], *arguments: float
+) -> Counter[tuple[str, int]]:
+    """All operations on packets of numbers in the kernel of `function`, LLVM variants only.
+
+    Beyond `count_operations`, that is comparisons, selections, conversions and those on masks and
+    integers; neither loads, stores and constants nor reinterpretations, which are no instructions.
+
+    Parameters
+    ----------
+    function, arguments
+        As for `count_operations`.
+
+    Returns
+    -------
+    Counts by name and by bits of the widest number that takes part (1: masks alone). A packet of
+    float64 fills twice as many registers as one of float32.
+
+    Raises
+    ------
+    InputError
+        In other variants.
+
+    Examples
+    --------
+    >>> import drjit as dr
+    >>> import mitsuba as mi
+    >>> from fresnel_decomp.mitsuba.operations import count_vector_operations
+    >>> mi.set_variant("llvm_ad_rgb")
+    >>> def doubled(x):
+    ...     return dr.select(x > 0.0, 2.0 * mi.Float64(x), 1.0)
+    >>> sorted(count_vector_operations(doubled, 0.5).items())
+    [(('fcmp', 32), 1), (('fmul', 64), 1), (('fpext', 64), 1), (('select', 64), 1)]
+    """
+    if not str(mi.variant()).startswith("llvm"):
+        raise input_error(
+            f"variant {mi.variant()}", "an llvm_ad variant", "Choose one with mi.set_variant."
+        )
+    found: Counter[tuple[str, int]] = Counter()
+    for line in _lines(function, arguments):
+        match = _VECTOR.search(line)
+        if match:
+            kinds = re.findall(r"<\d+ x (\w+)>", line)
+            bits = max(_BITS.get(kind) or int(kind.removeprefix("i")) for kind in kinds)
+            found[next(filter(None, match.groups())), bits] += 1
+    return found
+
+
+def _lines(function: Callable[..., Any], arguments: tuple[float, ...]) -> list[str]:
+    """The text of all kernels that evaluate `function`."""
     inputs = [dr.opaque(mi.Float, value, 64) for value in arguments]
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.eval(inputs)
         dr.kernel_history_clear()
         dr.eval(function(*inputs))
         kernels = dr.kernel_history([dr.KernelType.JIT])
-    pattern = _LLVM if str(mi.variant()).startswith("llvm") else _PTX
-    found: Counter[str] = Counter()
-    for kernel in kernels:
-        for line in kernel["ir"].getvalue().splitlines():
-            match = pattern.search(line)
-            if match:
-                found[next(filter(None, match.groups()))] += 1
-    return found
+    return [line for kernel in kernels for line in kernel["ir"].getvalue().splitlines()]
