@@ -148,6 +148,31 @@ def test_lookup_gradients(table, backend, addressing):
         np.testing.assert_allclose(backward[inside], difference[inside], rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.parametrize("backend", AD_BACKENDS)
+@pytest.mark.parametrize("which", range(6), ids=["mu", "alpha", "c0", "c1", "c2", "c3"])
+def test_evaluate_with_one_drjit_argument(table, backend, which):
+    """Whichever it is, the result is of its kind and has its gradient."""
+    import drjit as dr
+
+    kind = float_type(backend, "float64")
+    arguments = [0.41, 0.3, *map(float, BASIS.coefficients(0.2, 3.0))]
+    expected = table.evaluate(arguments[2:], *arguments[:2])
+    h = 1e-6
+    moved = [[value + by * (i == which) for i, value in enumerate(arguments)] for by in (h, -h)]
+    up, down = (table.evaluate(values[2:], *values[:2]) for values in moved)
+    traced = kind(arguments[which])
+    dr.enable_grad(traced)
+    given = [*arguments[:which], traced, *arguments[which + 1 :]]
+    albedo = table.evaluate(given[2:], *given[:2])
+    assert type(albedo) is kind
+    assert albedo[0] == pytest.approx(expected, abs=1e-12)
+    dr.backward(albedo)
+    assert traced.grad[0] == pytest.approx((up - down) / (2.0 * h), abs=1e-8)
+    plain = np.array(arguments[2:])  # coefficients as NumPy has them
+    if which < 2:
+        assert type(table.evaluate(plain, *given[:2])) is kind
+
+
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_drjit_bake(table, backend, precision):

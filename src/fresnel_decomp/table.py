@@ -202,13 +202,13 @@ class AlbedoTable:
         mu, alpha : (...) float
             As for `lookup`; they broadcast against the coefficients' leading axes.
         """
-        coefficients = check_terms(coefficients, mu, self.terms)
+        coefficients = check_terms(coefficients, alpha if is_drjit(alpha) else mu, self.terms)
+        if isinstance(coefficients, np.ndarray) and not is_drjit(mu, alpha):
+            return (coefficients * self.lookup(mu, alpha)).sum(axis=-1)
+        mu, alpha, *coefficients = one_kind(mu, alpha, *coefficients)
         functions = self.lookup(mu, alpha)
-        if not is_drjit(mu, alpha, *coefficients):
-            return (np.asarray(coefficients) * functions).sum(axis=-1)
         if not is_drjit(mu, alpha):
             functions = [float(value) for value in functions]
-        coefficients = one_kind(*coefficients, mu)[: self.terms]
         return sum(
             (c * b for c, b in zip(coefficients[1:], functions[1:], strict=True)),
             coefficients[0] * functions[0],
