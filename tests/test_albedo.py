@@ -150,7 +150,7 @@ def test_white_furnace(distribution, smith):
 
 
 def test_conventions_differ():
-    """By up to 2 ln 2 - 1 = .39 in bbar_0, in the corner of rough surfaces seen at grazing angles."""
+    """By up to 2 ln 2 - 1 = .39 in bbar_0: rough surfaces, seen at grazing angles."""
     mu, alpha = np.meshgrid([0.0, 0.01, 0.1, 0.5], [0.1, 0.3, 1.0])
     difference = directional_albedo(white, mu, alpha, smith="correlated") - directional_albedo(
         white, mu, alpha

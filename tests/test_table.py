@@ -344,6 +344,74 @@ def test_changed_files(tmp_path, table):
     assert not (tmp_path / "huge.exr").exists()
 
 
+def test_half_files_are_replaced_together(tmp_path, table, monkeypatch):
+    """If the second of the two cannot be written, the first stays as it was."""
+    from pathlib import Path
+
+    path = tmp_path / "t.half"
+    table.save(path)
+    before = sorted((file.name, file.read_bytes()) for file in tmp_path.iterdir())
+
+    def full(*arguments, **options):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    other = AlbedoTable(table.values[::-1], table.layout)
+    with pytest.raises(InputError, match=r"cannot write .*t\.half' \(No space left"):
+        other.save(path)
+    monkeypatch.undo()
+    assert sorted((file.name, file.read_bytes()) for file in tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    "metadata", [{"error": np.float32(1e-5)}, {"error": np.nan}, {"basis": {1, 2}}, 5]
+)
+def test_metadata_that_json_cannot_hold(table, metadata):
+    with pytest.raises(InputError, match=r"JSON cannot hold .*; accepted: a mapping .*\. Convert"):
+        AlbedoTable(table.values, table.layout, metadata=metadata)
+
+
+@pytest.mark.parametrize("metadata", [{"basis": None}, {"basis": 3, "measured_error": "small"}])
+@pytest.mark.parametrize("suffix", ["exr", "npz", "half"])
+def test_any_other_metadata(tmp_path, table, metadata, suffix):
+    named = AlbedoTable(table.values, table.layout, metadata=metadata)
+    named.save(tmp_path / f"t.{suffix}")
+    assert AlbedoTable.load(tmp_path / f"t.{suffix}").metadata == metadata
+
+
+@pytest.mark.parametrize("suffix", ["exr", "npz", "half"])
+def test_missing_folder(tmp_path, table, suffix):
+    path = tmp_path / "nowhere" / f"t.{suffix}"
+    with pytest.raises(InputError, match=rf"nowhere.t\.{suffix}' \(No such file"):
+        table.save(path)
+
+
+def test_files_of_something_else(tmp_path, table):
+    with (tmp_path / "bare.npz").open("wb") as file:
+        np.save(file, table.values)
+    with pytest.raises(InputError, match="single array without a name"):
+        AlbedoTable.load(tmp_path / "bare.npz")
+    table.save(tmp_path / "t.half")
+    (tmp_path / "t.half.json").write_bytes(b"{\xff\xfe}")
+    with pytest.raises(InputError, match=r"cannot read .*t\.half\.json' .*utf-8"):
+        AlbedoTable.load(tmp_path / "t.half")
+
+
+def test_values_that_are_no_albedos():
+    layout = Layout(4, 4)
+    for value, words in ((np.nan, "16 are not finite"), (1e300, "not finite"), (1j, "complex128")):
+        with pytest.raises(InputError, match=words):
+            AlbedoTable(np.full((4, 4, 1), value), layout)
+    with pytest.raises(InputError, match="layout=None"):
+        AlbedoTable(np.zeros((4, 4, 1)), None)
+    for f, words in (
+        (lambda c: np.full((len(c), 2), np.nan), "not finite"),
+        (lambda c: np.ones((len(c), 2)) * 1j, "complex128"),
+    ):
+        with pytest.raises(InputError, match=words):
+            AlbedoTable.bake(f, size=4)
+
+
 # --- Mitsuba -------------------------------------------------------------------------------------
 
 

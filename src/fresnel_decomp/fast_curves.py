@@ -41,10 +41,18 @@ class FastCurves:
         Raises
         ------
         InputError
-            If it returns something of another shape.
+            If it returns something of another shape, or values that are not real and finite.
         """
         root = np.linspace(0.0, 1.0, INTERVALS + 1)
-        samples = np.asarray(basis(root * root), np.float64)
+        given = np.asarray(basis(root * root))
+        if given.dtype.kind not in "fiub" or not np.isfinite(given).all():
+            raise input_error(
+                f"a basis with values of type {given.dtype}"
+                + (", some not finite" if given.dtype.kind == "f" else ""),
+                "real, finite values at all cosines in [0, 1]",
+                "Plot the functions first; a square root may need a clamped argument.",
+            )
+        samples = given.astype(np.float64)
         if samples.ndim != 2 or len(samples) != len(root):
             raise input_error(
                 f"a basis with values of shape {samples.shape} at {len(root)} cosines",

@@ -8,6 +8,7 @@ costs one bilinear fetch, whatever the material.
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -39,16 +40,24 @@ CHECK_QUADRATURE = Quadrature(32, 32)
 class AlbedoTable:
     """Directional albedos of basis functions, tabulated.
 
+
     Attributes
     ----------
     values : (height, width, terms) float32
-        Row 0 is the smoothest, column 0 is at grazing incidence.
+        Row 0 is the smoothest, column 0 is at grazing incidence. Read-only.
     layout : Layout
-    smith, distribution : str
+    smith : {"separable", "correlated"}
+    distribution : {"ggx", "beckmann"}
         What was integrated.
     metadata : mapping
-        Recipe and hash of the basis, quadrature, measured error, versions: JSON values, kept in
-        files.
+        Recipe and hash of the basis, quadrature, measured error, versions: whatever JSON can hold;
+        kept in files.
+
+    Raises
+    ------
+    InputError
+        For values of another shape than the layout has, or that are not real and finite in float32;
+        for unknown conventions; for metadata that JSON cannot hold.
 
     Examples
     --------
@@ -67,7 +76,17 @@ class AlbedoTable:
     metadata: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
-        values = np.array(self.values, np.float32)
+        if not isinstance(self.layout, Layout):
+            raise input_error(f"layout={self.layout!r}", "a Layout", "Layout() is the default.")
+        given = np.asarray(self.values)
+        if given.dtype.kind not in "fiub":
+            raise input_error(
+                f"values of type {given.dtype}",
+                "real numbers",
+                "Take the real part.",
+            )
+        with np.errstate(over="ignore"):
+            values = given.astype(np.float32)
         height, width = self.layout.height, self.layout.width
         if values.ndim != 3 or values.shape[:2] != (height, width) or values.shape[2] < 1:
             raise input_error(
@@ -75,11 +94,17 @@ class AlbedoTable:
                 f"({height}, {width}, terms): rows, columns, terms",
                 "The first axis is the roughness.",
             )
+        if not np.isfinite(values).all():
+            raise input_error(
+                f"values, {np.count_nonzero(~np.isfinite(values))} are not finite in float32",
+                "finite numbers",
+                "Look at the functions that were integrated.",
+            )
         choose("smith", self.smith, SMITH)
         choose("distribution", self.distribution, DISTRIBUTIONS)
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
-        object.__setattr__(self, "metadata", MappingProxyType(dict(self.metadata)))
+        object.__setattr__(self, "metadata", MappingProxyType(_as_json(self.metadata)))
 
     @property
     def terms(self) -> int:
@@ -311,6 +336,19 @@ def _integrate(
     functions = directional_albedo(curves.on(float_type), *arguments, **options)
     dr.eval(functions)  # at once: converted one by one, they would be computed one by one
     return np.stack([np.array(v) for v in functions], axis=-1).reshape(*mu.shape, -1)
+
+
+def _as_json(metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """A copy, as files give it back."""
+    try:
+        copy: dict[str, Any] = json.loads(json.dumps(dict(metadata), allow_nan=False))
+    except (TypeError, ValueError) as error:
+        raise input_error(
+            f"metadata that JSON cannot hold ({error})",
+            "a mapping of names to text, finite numbers, True, False, None, lists and mappings",
+            "Convert NumPy's numbers: float(x), array.tolist().",
+        ) from error
+    return copy
 
 
 def _width_and_height(size: Any) -> tuple[int, int]:
