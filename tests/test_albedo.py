@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from backends import AD_BACKENDS, BACKENDS, float_type
 from fresnel_decomp import InputError, conductor, dielectric, directional_albedo, load_basis
-from fresnel_decomp.albedo import average_albedo, average_fresnel
+from fresnel_decomp.albedo import ROUGHEST, average_albedo, average_fresnel
 from fresnel_decomp.albedo_estimates import monte_carlo_albedo, quasi_monte_carlo_albedo
 from fresnel_decomp.albedo_refined import refined_albedo
 from fresnel_decomp.microfacet import DISTRIBUTIONS, SMITH
@@ -227,6 +227,73 @@ def test_bad_input():
         monte_carlo_albedo(white, 0.5, 0.0, 10)
     with pytest.raises(InputError, match="samples=1"):
         monte_carlo_albedo(white, 0.5, 0.5, 1)
+
+
+NOT_REAL = ["rough", None, 0.5 + 0.1j, np.array([1j]), [[0.1], [0.1, 0.2]], "0.5"]
+
+
+@pytest.mark.parametrize("wrong", NOT_REAL, ids=repr)
+def test_arguments_that_are_not_real(wrong):
+    calls = (
+        lambda: directional_albedo(white, wrong, 0.5),
+        lambda: directional_albedo(white, 0.5, wrong),
+        lambda: refined_albedo(white, wrong, 0.5),
+        lambda: average_albedo(white, wrong),
+        lambda: monte_carlo_albedo(white, wrong, 0.5, 16),
+        lambda: quasi_monte_carlo_albedo(white, 0.5, wrong, 16),
+    )
+    for call in calls:
+        with pytest.raises(InputError, match="accepted: real numbers"):
+            call()
+
+
+def test_shapes_that_do_not_fit():
+    for call in (directional_albedo, lambda *a: monte_carlo_albedo(*a, 16)):
+        with pytest.raises(InputError, match=r"mu and alpha of shapes \(3,\), \(2,\)"):
+            call(white, np.full(3, 0.5), np.full(2, 0.5))
+    kind = float_type("llvm")
+    with pytest.raises(InputError, match="mu and alpha of sizes 2, 3"):
+        directional_albedo(white, kind([0.1, 0.2, 0.3]), kind([0.1, 0.2]))
+    with pytest.raises(InputError, match=r"a Dr\.Jit array"):
+        monte_carlo_albedo(white, kind([0.1]), 0.5, 16)
+    assert len(directional_albedo(white, kind([0.1, 0.2]), kind([0.1]))) == 2
+
+
+@pytest.mark.parametrize("wrong", [5, (4.0, 4.0), (4, 4, 4), "fine", (0, 8), (8, 1024)])
+def test_wrong_quadrature(wrong):
+    with pytest.raises(InputError, match=r"quadrature=.* the first one even"):
+        directional_albedo(white, 0.5, 0.5, quadrature=wrong)
+
+
+def test_numbers_of_nodes_and_samples():
+    plain = directional_albedo(white, 0.5, 0.5, quadrature=(8, 8))
+    assert directional_albedo(white, 0.5, 0.5, quadrature=(np.int64(8), 8)) == plain
+    for wrong in (0, 2.5, "many", 513):
+        with pytest.raises(InputError, match="nodes="):
+            average_fresnel(white, wrong)
+        with pytest.raises(InputError, match="nodes="):
+            average_albedo(white, 0.5, nodes=wrong)
+    with pytest.raises(InputError, match=r"samples=10\.5"):
+        quasi_monte_carlo_albedo(white, 0.5, 0.5, 10.5)
+    with pytest.raises(InputError, match="at 64 cosines"):
+        average_fresnel(lambda c: np.ones((3, len(c))))
+
+
+def test_constants_and_extremes():
+    """Curves that ignore the cosine, of mirrors too; the largest roughness, without a warning."""
+    for alpha in (0.0, 0.5, np.array([0.0, 0.5])):
+        np.testing.assert_array_equal(
+            directional_albedo(lambda _: 0.3, 0.5, alpha),
+            directional_albedo(lambda c: 0.3 + 0.0 * c, 0.5, alpha),
+        )
+    assert average_fresnel(lambda _: 0.3) == pytest.approx(0.3)
+    for distribution in DISTRIBUTIONS:
+        for smith in SMITH:
+            options = {"distribution": distribution, "smith": smith}
+            assert 0.0 <= directional_albedo(white, 0.5, ROUGHEST, **options) < 1e-3
+    with pytest.raises(InputError, match=r"alpha=1e\+100"):
+        directional_albedo(white, 0.5, 1e100)
+    assert np.isnan(directional_albedo(white, 0.5, np.array([1e100])))[0]
 
 
 def test_averages():

@@ -215,6 +215,24 @@ def test_bad_input():
         AlbedoTable(np.zeros((64, 64, 4)), Layout()).evaluate([1.0, 2.0], 0.5, 0.5)
 
 
+def test_arguments_that_do_not_fit(table):
+    for wrong in ("rough", None, 0.5j):
+        with pytest.raises(InputError, match="accepted: real numbers"):
+            table.lookup(wrong, 0.5)
+        with pytest.raises(InputError, match="accepted: real numbers"):
+            table.evaluate(np.ones(4), 0.5, wrong)
+    with pytest.raises(InputError, match=r"shapes \(3,\), \(2,\)"):
+        table.lookup(np.zeros(3), np.zeros(2))
+    kind = float_type("llvm")
+    with pytest.raises(InputError, match="sizes 2, 3"):
+        table.lookup(kind([0.1, 0.2, 0.3]), kind([0.1, 0.2]))
+    sized = AlbedoTable.bake(BASIS, size=np.int64(4), quadrature=(np.int64(4), 4))
+    assert sized.layout == Layout(4, 4)
+    assert type(sized.layout.width) is int
+    with pytest.raises(InputError, match="quadrature=5"):
+        AlbedoTable.bake(BASIS, size=4, quadrature=5)
+
+
 # --- files ---------------------------------------------------------------------------------------
 
 FORMATS = [("exr", True), ("exr", False), ("npz", True), ("npz", False), ("half", True)]

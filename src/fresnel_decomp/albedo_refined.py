@@ -12,9 +12,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ._array import is_drjit
 from ._check import input_error
-from .albedo import MOST_NODES, QUADRATURE, Fresnel, Quadrature, directional_albedo
+from .albedo import (
+    MOST_NODES,
+    QUADRATURE,
+    Fresnel,
+    Quadrature,
+    directional_albedo,
+    numpy_arguments,
+)
 from .microfacet import Distribution, Smith
 
 __all__ = ["Refined", "refined_albedo"]
@@ -69,10 +75,7 @@ def refined_albedo(
     >>> print(f"{inside.value:.4f}, {inside.error < 1e-3}, {inside.quadrature.azimuth} azimuths")
     0.9113, True, 512 azimuths
     """
-    if is_drjit(mu, alpha):
-        raise input_error(
-            "a Dr.Jit array", "NumPy arrays and Python floats", "Pass np.array(mu) and the like."
-        )
+    mu, alpha = numpy_arguments(mu=mu, alpha=alpha)
     if not (isinstance(tolerance, int | float | np.number) and 0.0 < tolerance < math.inf):
         raise input_error(f"tolerance={tolerance!r}", "a positive number", "1e-4, for instance.")
     options: dict[str, Any] = {"smith": smith, "distribution": distribution}

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import operator
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -17,10 +18,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ._array import drjit_constant, drjit_module, floating_type, is_drjit, one_kind
+from ._array import drjit_constant, drjit_module, floating_type, is_drjit, one_kind, real_arguments
 from ._check import choose, input_error
 from ._version import __version__
-from .albedo import Quadrature, directional_albedo
+from .albedo import Quadrature, checked_quadrature, directional_albedo
 from .basis import Basis
 from .closed_form import check_terms
 from .fast_curves import FastCurves, packets
@@ -156,6 +157,7 @@ class AlbedoTable:
             For unknown options or sizes.
         """
         width, height = _width_and_height(size)
+        quadrature = checked_quadrature(quadrature)
         layout = Layout(width, height, mu_axis, alpha_axis, addressing)
         options: dict[str, Any] = {"smith": smith, "distribution": distribution}
         values = _integrate(basis, layout, {**options, "quadrature": quadrature}, float_type)
@@ -201,8 +203,13 @@ class AlbedoTable:
         (..., terms) float for NumPy arrays and Python floats, of their precision; for Dr.Jit a
         tuple of arrays, one per term, differentiable in mu and alpha: finite everywhere, and
         0 beyond [0, 1].
+
+        Raises
+        ------
+        InputError
+            If mu and alpha are not real, do not broadcast, or are of several kinds.
         """
-        mu, alpha = one_kind(mu, alpha)
+        mu, alpha = real_arguments(mu=mu, alpha=alpha)
         if is_drjit(mu, alpha):
             return self._lookup_drjit(mu, alpha)
         dtype = floating_type(mu, alpha)
@@ -226,7 +233,18 @@ class AlbedoTable:
         coefficients : (..., terms) float, or for Dr.Jit a sequence of as many arrays
         mu, alpha : (...) float
             As for `lookup`; they broadcast against the coefficients' leading axes.
+
+        Returns
+        -------
+        (...) float, or a Dr.Jit array if any argument is one: differentiable in each of them.
+
+        Raises
+        ------
+        InputError
+            For another number of coefficients, and for arguments that are not real, do not
+            broadcast, or are of several kinds.
         """
+        mu, alpha = real_arguments(mu=mu, alpha=alpha)
         coefficients = check_terms(coefficients, alpha if is_drjit(alpha) else mu, self.terms)
         if isinstance(coefficients, np.ndarray) and not is_drjit(mu, alpha):
             return (coefficients * self.lookup(mu, alpha)).sum(axis=-1)
@@ -352,8 +370,10 @@ def _as_json(metadata: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _width_and_height(size: Any) -> tuple[int, int]:
-    if isinstance(size, int):
-        return size, size
+    try:
+        return operator.index(size), operator.index(size)
+    except TypeError:
+        pass
     if not isinstance(size, tuple | list) or len(size) != 2:
         raise input_error(f"size={size!r}", "an int, or (width, height)", "64 is enough.")
     return size[0], size[1]
