@@ -62,7 +62,7 @@ def test_slopes(backend, precision):
 
 @pytest.mark.parametrize("backend", AD_BACKENDS)
 def test_albedo_of_them_has_gradients(backend):
-    """Inside a recorded loop too; not at mu = 1, where they depend on curvature: chords have none."""
+    """In a recorded loop too; not at mu = 1, where they depend on curvature: chords have none."""
     import drjit as dr
 
     kind = float_type(backend, "float64")

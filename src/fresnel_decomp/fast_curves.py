@@ -2,9 +2,9 @@
 
 A basis costs hundreds of operations where it is extracted functions and not a closed form. Linear
 interpolation over the root of the cosine, which spreads grazing angles, errs by 2e-6 and costs two
-fetches. `basis_table.BasisTable` holds what a *texture* is to hold, in the same way: of any size and
-storage, without b_0 = 1, with clamped cosines and its error measured. `FastCurves` is for the inner
-loop of an integral: any callable, one size, float64, nothing clamped, packets of four numbers.
+fetches. `basis_table.BasisTable` holds what a *texture* is to hold, in the same way: of any size
+and storage, without b_0 = 1, with clamped cosines and its error measured. `FastCurves` is for the
+inner loop of an integral: any callable, one size, float64, nothing clamped, packets of numbers.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ BAKE_QUADRATURE = Quadrature(16, 16)
 """256 nodes a texel: largest error below 3e-5, for both distributions and both Smith models."""
 
 CHECK_QUADRATURE = Quadrature(32, 32)
-"""1,024 nodes, good to 1e-6: what a table's error is measured against."""
+"""1,024 nodes, good to 1e-6 for smooth functions: what a table's error is measured against."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +184,8 @@ class AlbedoTable:
         Parameters
         ----------
         basis
-            That the table was baked from.
+            That the table was baked from. Of functions with a kink, the finer quadrature errs too: up
+            to 0.02, see `albedo_refined`.
         """
         options = {"smith": self.smith, "distribution": self.distribution}
         finer = _integrate(basis, self.layout, {**options, "quadrature": CHECK_QUADRATURE}, None)
