@@ -184,8 +184,8 @@ class AlbedoTable:
         Parameters
         ----------
         basis
-            That the table was baked from. Of functions with a kink, the finer quadrature errs too: up
-            to 0.02, see `albedo_refined`.
+            That the table was baked from. Of functions with a kink, the finer quadrature errs
+            too, by up to 0.02: see `albedo_refined`.
         """
         options = {"smith": self.smith, "distribution": self.distribution}
         finer = _integrate(basis, self.layout, {**options, "quadrature": CHECK_QUADRATURE}, None)
