@@ -201,6 +201,22 @@ def test_visible_normals_have_their_density(distribution, mu, alpha):
         assert abs(sample.mean() - (weight * function).sum()) <= 5.0 * error + 2e-5
 
 
+@pytest.mark.parametrize("distribution", DISTRIBUTIONS)
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("mu", [1.0, 0.5, 1e-3, 0.0])
+def test_visible_normals_at_the_ends_of_the_range(distribution, dtype, mu):
+    """u = 0 and the last float32 below 1 give unit normals that are seen, to a rounding."""
+    ends = np.array([0.0, 2.0**-24, 0.5, 1.0 - 2.0**-24], dtype)
+    u1, u2 = (u.ravel() for u in np.meshgrid(ends, ends))
+    wo = tuple(np.full(u1.shape, c, dtype) for c in (np.sqrt(1.0 - mu * mu), 0.0, mu))
+    for alpha in (0.05, 1.0):
+        x, y, z = sample_visible_normal(wo, dtype(alpha), u1, u2, distribution)
+        np.testing.assert_allclose(x * x + y * y + z * z, 1.0, atol=1e-6)
+        assert np.all(z >= 0.0)
+        if distribution == "beckmann" or dtype == np.float64:  # see `sample_visible_normal`
+            assert np.all(wo[0] * x + wo[2] * z >= -1e-6)
+
+
 @settings(max_examples=200, deadline=None)
 @given(
     st.floats(0.0, 1.0),

@@ -148,6 +148,31 @@ def test_lookup_gradients(table, backend, addressing):
         np.testing.assert_allclose(backward[inside], difference[inside], rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.parametrize("backend", AD_BACKENDS)
+@pytest.mark.parametrize("which", range(6), ids=["mu", "alpha", "c0", "c1", "c2", "c3"])
+def test_evaluate_with_one_drjit_argument(table, backend, which):
+    """Whichever it is, the result is of its kind and has its gradient."""
+    import drjit as dr
+
+    kind = float_type(backend, "float64")
+    arguments = [0.41, 0.3, *map(float, BASIS.coefficients(0.2, 3.0))]
+    expected = table.evaluate(arguments[2:], *arguments[:2])
+    h = 1e-6
+    moved = [[value + by * (i == which) for i, value in enumerate(arguments)] for by in (h, -h)]
+    up, down = (table.evaluate(values[2:], *values[:2]) for values in moved)
+    traced = kind(arguments[which])
+    dr.enable_grad(traced)
+    given = [*arguments[:which], traced, *arguments[which + 1 :]]
+    albedo = table.evaluate(given[2:], *given[:2])
+    assert type(albedo) is kind
+    assert albedo[0] == pytest.approx(expected, abs=1e-12)
+    dr.backward(albedo)
+    assert traced.grad[0] == pytest.approx((up - down) / (2.0 * h), abs=1e-8)
+    plain = np.array(arguments[2:])  # coefficients as NumPy has them
+    if which < 2:
+        assert type(table.evaluate(plain, *given[:2])) is kind
+
+
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_drjit_bake(table, backend, precision):
@@ -188,6 +213,24 @@ def test_bad_input():
         AlbedoTable(np.zeros((3, 4, 4)), Layout())
     with pytest.raises(InputError, match="4"):
         AlbedoTable(np.zeros((64, 64, 4)), Layout()).evaluate([1.0, 2.0], 0.5, 0.5)
+
+
+def test_arguments_that_do_not_fit(table):
+    for wrong in ("rough", None, 0.5j):
+        with pytest.raises(InputError, match="accepted: real numbers"):
+            table.lookup(wrong, 0.5)
+        with pytest.raises(InputError, match="accepted: real numbers"):
+            table.evaluate(np.ones(4), 0.5, wrong)
+    with pytest.raises(InputError, match=r"shapes \(3,\), \(2,\)"):
+        table.lookup(np.zeros(3), np.zeros(2))
+    kind = float_type("llvm")
+    with pytest.raises(InputError, match="sizes 2, 3"):
+        table.lookup(kind([0.1, 0.2, 0.3]), kind([0.1, 0.2]))
+    sized = AlbedoTable.bake(BASIS, size=np.int64(4), quadrature=(np.int64(4), 4))
+    assert sized.layout == Layout(4, 4)
+    assert type(sized.layout.width) is int
+    with pytest.raises(InputError, match="quadrature=5"):
+        AlbedoTable.bake(BASIS, size=4, quadrature=5)
 
 
 # --- files ---------------------------------------------------------------------------------------
@@ -317,6 +360,74 @@ def test_changed_files(tmp_path, table):
     with pytest.raises(InputError, match="65504"):
         huge.save(tmp_path / "huge.exr")
     assert not (tmp_path / "huge.exr").exists()
+
+
+def test_half_files_are_replaced_together(tmp_path, table, monkeypatch):
+    """If the second of the two cannot be written, the first stays as it was."""
+    from pathlib import Path
+
+    path = tmp_path / "t.half"
+    table.save(path)
+    before = sorted((file.name, file.read_bytes()) for file in tmp_path.iterdir())
+
+    def full(*arguments, **options):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    other = AlbedoTable(table.values[::-1], table.layout)
+    with pytest.raises(InputError, match=r"cannot write .*t\.half' \(No space left"):
+        other.save(path)
+    monkeypatch.undo()
+    assert sorted((file.name, file.read_bytes()) for file in tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    "metadata", [{"error": np.float32(1e-5)}, {"error": np.nan}, {"basis": {1, 2}}, 5]
+)
+def test_metadata_that_json_cannot_hold(table, metadata):
+    with pytest.raises(InputError, match=r"JSON cannot hold .*; accepted: a mapping .*\. Convert"):
+        AlbedoTable(table.values, table.layout, metadata=metadata)
+
+
+@pytest.mark.parametrize("metadata", [{"basis": None}, {"basis": 3, "measured_error": "small"}])
+@pytest.mark.parametrize("suffix", ["exr", "npz", "half"])
+def test_any_other_metadata(tmp_path, table, metadata, suffix):
+    named = AlbedoTable(table.values, table.layout, metadata=metadata)
+    named.save(tmp_path / f"t.{suffix}")
+    assert AlbedoTable.load(tmp_path / f"t.{suffix}").metadata == metadata
+
+
+@pytest.mark.parametrize("suffix", ["exr", "npz", "half"])
+def test_missing_folder(tmp_path, table, suffix):
+    path = tmp_path / "nowhere" / f"t.{suffix}"
+    with pytest.raises(InputError, match=rf"nowhere.t\.{suffix}' \(No such file"):
+        table.save(path)
+
+
+def test_files_of_something_else(tmp_path, table):
+    with (tmp_path / "bare.npz").open("wb") as file:
+        np.save(file, table.values)
+    with pytest.raises(InputError, match="single array without a name"):
+        AlbedoTable.load(tmp_path / "bare.npz")
+    table.save(tmp_path / "t.half")
+    (tmp_path / "t.half.json").write_bytes(b"{\xff\xfe}")
+    with pytest.raises(InputError, match=r"cannot read .*t\.half\.json' .*utf-8"):
+        AlbedoTable.load(tmp_path / "t.half")
+
+
+def test_values_that_are_no_albedos():
+    layout = Layout(4, 4)
+    for value, words in ((np.nan, "16 are not finite"), (1e300, "not finite"), (1j, "complex128")):
+        with pytest.raises(InputError, match=words):
+            AlbedoTable(np.full((4, 4, 1), value), layout)
+    with pytest.raises(InputError, match="layout=None"):
+        AlbedoTable(np.zeros((4, 4, 1)), None)
+    for f, words in (
+        (lambda c: np.full((len(c), 2), np.nan), "not finite"),
+        (lambda c: np.ones((len(c), 2)) * 1j, "complex128"),
+    ):
+        with pytest.raises(InputError, match=words):
+            AlbedoTable.bake(f, size=4)
 
 
 # --- Mitsuba -------------------------------------------------------------------------------------

@@ -29,6 +29,7 @@ __all__ = [
     "one_kind",
     "ops_for",
     "polynomial",
+    "real_arguments",
     "real_arrays",
 ]
 
@@ -268,6 +269,55 @@ def real_arrays(**named: Any) -> list[np.ndarray]:
             "Add axes, e.g. eta[:, None], to evaluate every material at every angle.",
         ) from None
     return arrays
+
+
+def real_arguments(**named: Any) -> tuple[Any, ...]:
+    """The arguments as `one_kind` returns them, once they are known to fit together.
+
+    Raises
+    ------
+    InputError
+        If they are not real numbers, or their shapes, or sizes of Dr.Jit arrays, do not broadcast;
+        and as `one_kind` does.
+    """
+    dr = drjit_module()
+    shapes, sizes = [], set()
+    kind: Any
+    for name, value in named.items():
+        if is_drjit(value):
+            assert dr is not None
+            real, kind = dr.is_arithmetic_v(value) and not dr.is_complex_v(value), type(value)
+            if dr.depth_v(value) == 1 and not dr.is_tensor_v(value):
+                sizes.add(dr.width(value))
+        else:
+            try:
+                array = np.asarray(value)
+            except ValueError:  # rows of several lengths
+                array = np.asarray(None)
+            real = array.dtype.kind in "fiub"
+            kind = array.dtype if isinstance(value, np.ndarray) else type(value)
+            shapes.append(array.shape)
+        if not real:
+            given = f"{value!r:.40}" if isinstance(value, str | complex | None) else str(kind)
+            raise input_error(
+                f"{name}={given}", "real numbers", "Pass a float, a NumPy array or a Dr.Jit array."
+            )
+    names = " and ".join(named)
+    try:
+        np.broadcast_shapes(*shapes)
+    except ValueError:
+        raise input_error(
+            f"{names} of shapes {', '.join(map(str, shapes))}",
+            "shapes that broadcast",
+            "Add axes, e.g. alpha[:, None], for every combination.",
+        ) from None
+    if len(sizes - {1}) > 1:
+        raise input_error(
+            f"{names} of sizes {', '.join(map(str, sorted(sizes)))}",
+            "Dr.Jit arrays of one size, or of size 1",
+            "dr.meshgrid gives every combination.",
+        )
+    return one_kind(*named.values())
 
 
 def floating_type(*values: Any) -> np.dtype:

@@ -6,12 +6,13 @@ sequence. They are what the rule is tested against, and what a bake would otherw
 
 from __future__ import annotations
 
+import operator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ._check import input_error
-from .albedo import Fresnel
+from .albedo import ROUGHEST, Fresnel, numpy_arguments
 from .microfacet import Distribution, Smith, reflect, sample_visible_normal, shadowing
 
 __all__ = ["Estimate", "monte_carlo_albedo", "quasi_monte_carlo_albedo"]
@@ -43,13 +44,19 @@ def monte_carlo_albedo(
     f, smith, distribution
         As for `directional_albedo`, NumPy only.
     mu : (...) float in [0, 1]
-    alpha : (...) float > 0
+    alpha : (...) float in (0, ROUGHEST]
     samples : int >= 2
     seed : int
 
     Returns
     -------
     Estimate
+
+    Raises
+    ------
+    InputError
+        For mu or alpha out of range, that are not real, do not broadcast or are Dr.Jit arrays; for
+        too few samples; for unknown options.
 
     Examples
     --------
@@ -58,8 +65,10 @@ def monte_carlo_albedo(
     >>> bool(abs(white.value - (1.0 - np.log(2.0))) < 4.0 * white.standard_error)
     True
     """
-    if samples < 2:
-        raise input_error(f"samples={samples}", "at least 2", "One has no standard error.")
+    if _whole(samples) < 2:
+        raise input_error(
+            f"samples={samples!r}", "a whole number, at least 2", "One has no standard error."
+        )
     points = np.random.default_rng(seed).random((samples, 2))
     count, total, squares = _sums(f, mu, alpha, points, smith, distribution)
     mean = total / count
@@ -92,13 +101,21 @@ def quasi_monte_carlo_albedo(
     Returns
     -------
     Estimate
+
+    Raises
+    ------
+    InputError
+        As `monte_carlo_albedo` does, and for less than one replicate.
     """
     from scipy.stats import qmc
 
-    if samples < 1 or replicates < 1:
+    if _whole(samples) < 1 or _whole(replicates) < 1:
         raise input_error(
-            f"samples={samples}, replicates={replicates}", "at least 1 of each", "Try 4096 and 8."
+            f"samples={samples!r}, replicates={replicates!r}",
+            "whole numbers, at least 1 of each",
+            "Try 4096 and 8.",
         )
+    samples = operator.index(samples)
     means = []
     for generator in np.random.default_rng(seed).spawn(replicates):
         sequence = qmc.Sobol(2, scramble=True, seed=generator)
@@ -112,15 +129,24 @@ def quasi_monte_carlo_albedo(
     return Estimate(values.mean(axis=0)[()], (spread / np.sqrt(replicates))[()])
 
 
+def _whole(number: Any) -> int:
+    """A whole number as an int; 0 for anything else."""
+    try:
+        return operator.index(number)
+    except TypeError:
+        return 0
+
+
 def _sums(
     f: Fresnel, mu: Any, alpha: Any, points: np.ndarray, smith: Smith, distribution: Distribution
 ) -> tuple[int, Any, Any]:
     """Number, sum and sum of squares of the samples."""
+    mu, alpha = numpy_arguments(mu=mu, alpha=alpha)
     mu, alpha = np.broadcast_arrays(np.asarray(mu, np.float64), np.asarray(alpha, np.float64))
-    if not (np.all((mu >= 0.0) & (mu <= 1.0)) and np.all((alpha > 0.0) & np.isfinite(alpha))):
+    if not (np.all((mu >= 0.0) & (mu <= 1.0)) and np.all((alpha > 0.0) & (alpha <= ROUGHEST))):
         raise input_error(
             "mu or alpha out of range",
-            "mu in [0, 1], finite alpha > 0",
+            f"mu in [0, 1], alpha in (0, {ROUGHEST:g}]",
             "At alpha = 0 it is f(mu).",
         )
     wo = (np.sqrt((1.0 - mu) * (1.0 + mu)), np.zeros_like(mu), mu)

@@ -1,8 +1,10 @@
 """Curves tabulated over sqrt(cos_theta), for loops that evaluate them a million times.
 
 A basis costs hundreds of operations where it is extracted functions and not a closed form. Linear
-interpolation over the root of the cosine, which spreads grazing angles, errs by 5e-7 and costs two
-fetches.
+interpolation over the root of the cosine, which spreads grazing angles, errs by 2e-6 and costs two
+fetches. `basis_table.BasisTable` holds what a *texture* is to hold, in the same way: of any size
+and storage, without b_0 = 1, with clamped cosines and its error measured. `FastCurves` is for the
+inner loop of an integral: any callable, one size, float64, nothing clamped, packets of numbers.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ._array import drjit_constant, drjit_module
+from ._array import drjit_constant, drjit_module, is_drjit
 from ._check import input_error
 
 __all__ = ["FastCurves", "Packets", "packets"]
@@ -24,6 +26,10 @@ INTERVALS = 4096
 @dataclass(frozen=True, eq=False)
 class FastCurves:
     """A tabulated basis: from cosines to (..., terms) values, or for Dr.Jit to a tuple of arrays.
+
+    Cosines must be in [0, 1]. As in `BasisTable`, derivatives wrt them are slopes of chords in the
+    cosine, which are finite at 0. Where a second derivative matters there is none: the slope of a
+    directional albedo at mu = 1 needs the functions themselves.
 
     Attributes
     ----------
@@ -41,10 +47,18 @@ class FastCurves:
         Raises
         ------
         InputError
-            If it returns something of another shape.
+            If it returns something of another shape, or values that are not real and finite.
         """
         root = np.linspace(0.0, 1.0, INTERVALS + 1)
-        samples = np.asarray(basis(root * root), np.float64)
+        given = np.asarray(basis(root * root))
+        if given.dtype.kind not in "fiub" or not np.isfinite(given).all():
+            raise input_error(
+                f"a basis with values of type {given.dtype}"
+                + (", some not finite" if given.dtype.kind == "f" else ""),
+                "real, finite values at all cosines in [0, 1]",
+                "Plot the functions first; a square root may need a clamped argument.",
+            )
+        samples = given.astype(np.float64)
         if samples.ndim != 2 or len(samples) != len(root):
             raise input_error(
                 f"a basis with values of shape {samples.shape} at {len(root)} cosines",
@@ -60,22 +74,36 @@ class FastCurves:
 
     def __call__(self, cos_theta: Any) -> Any:
         last = len(self.samples) - 1
-        if self.device is None:
+        if not is_drjit(cos_theta):
+            cos_theta = np.asarray(cos_theta)
             position = np.sqrt(cos_theta) * last
             index = np.minimum(position.astype(np.intp), last - 1)
             fraction = (position - index)[..., None]
             low = self.samples[index]
             return low + fraction * (self.samples[index + 1] - low)
+        if self.device is None:
+            raise input_error(
+                f"cosines of type {type(cos_theta).__name__}",
+                "NumPy arrays, unless the curves are in memory of Dr.Jit",
+                "Take curves.on(type(cos_theta)).",
+            )
         dr = drjit_module()
         assert dr is not None
-        position = dr.sqrt(cos_theta) * float(last)
+        position = dr.sqrt(dr.detach(cos_theta)) * float(last)
         index = dr.minimum(dr.uint32_array_t(type(position))(position), last - 1)
         fraction = position - type(position)(index)
         row = self.device.gather(index)
         terms = self.samples.shape[1]
-        return tuple(
-            dr.fma(step, fraction, low) for low, step in zip(row[:terms], row[terms:], strict=True)
-        )
+        steps = row[terms:]
+        values = [dr.fma(step, fraction, low) for low, step in zip(row[:terms], steps, strict=True)]
+        if dr.grad_enabled(cos_theta):
+            # an interval is (2 i + 1) / n² wide in the cosine
+            scale = float(last * last) / (2.0 * type(position)(index) + 1.0)
+            values = [
+                dr.replace_grad(value, step * scale * cos_theta)
+                for value, step in zip(values, steps, strict=True)
+            ]
+        return tuple(values)
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,9 +50,13 @@ __all__ = [
 class Objective(NamedTuple):
     """What is squared: weights of two mean square errors.
 
-    reflectance : of the reflectance, uniform over the cosine in [0, 1]
-    albedo : of the directional albedo (GGX, separable Smith), uniform over the view's cosine in
-        [0, 1] and alpha in `ALBEDO_ROUGHNESS`
+    Attributes
+    ----------
+    reflectance : float
+        Of the reflectance, uniform over the cosine in [0, 1].
+    albedo : float
+        Of the directional albedo (GGX, separable Smith), uniform over the view's cosine in [0, 1]
+        and alpha in `ALBEDO_ROUGHNESS`.
     """
 
     reflectance: float = 1.0

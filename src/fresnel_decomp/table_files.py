@@ -15,6 +15,7 @@ from __future__ import annotations
 import json
 import os
 import zipfile
+import zlib
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from ._check import InputError, choose, input_error
-from ._files import replacing, write_json
+from ._files import replacing
 from .images import read_exr_attributes, read_exr_planes, write_exr
 from .table import AlbedoTable
 from .table_layout import Layout
@@ -51,6 +52,17 @@ def save(table: AlbedoTable, path: str | os.PathLike[str], *, half: bool | None 
         )
     values = _stored(table.values, half)
     description = _describe(replace(table, values=values), "half" if half else "float")
+    try:
+        _write(path, suffix, values, description)
+    except OSError as error:
+        raise input_error(
+            f"cannot write '{path}' ({error.strerror or error})",
+            "a file in a folder that exists and can be written to",
+            "Create the folder, or choose another.",
+        ) from error
+
+
+def _write(path: Path, suffix: str, values: np.ndarray, description: dict[str, Any]) -> None:
     if suffix == ".exr":
         planes = dict(zip(_CHANNELS, np.moveaxis(values, 2, 0), strict=False))
         write_exr(path, planes, _attributes(description))
@@ -58,10 +70,14 @@ def save(table: AlbedoTable, path: str | os.PathLike[str], *, half: bool | None 
         with replacing(path) as temporary, temporary.open("wb") as file:
             np.savez(file, values=values, metadata=np.array(json.dumps(description)))
     else:
-        textures = replace(table, values=values).textures()
-        with replacing(path) as temporary:
-            temporary.write_bytes(b"".join(t.astype("<f2").tobytes() for t in textures))
-        write_json(_sidecar(path), description)
+        padded = np.pad(values, ((0, 0), (0, 0), (0, -values.shape[2] % 4)))
+        textures = np.split(padded, padded.shape[2] // 4, axis=2)
+        data = b"".join(texture.astype("<f2").tobytes() for texture in textures)
+        text = json.dumps(description, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+        # both are written before either is renamed
+        with replacing(path) as temporary, replacing(_sidecar(path)) as beside:
+            temporary.write_bytes(data)
+            beside.write_text(text, encoding="utf-8")
 
 
 def load(path: str | os.PathLike[str]) -> AlbedoTable:
@@ -102,7 +118,10 @@ def load(path: str | os.PathLike[str]) -> AlbedoTable:
 
 
 def _read_exr(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
-    text = read_exr_attributes(path).get(_ATTRIBUTE)
+    try:
+        text = read_exr_attributes(path).get(_ATTRIBUTE)
+    except UnicodeDecodeError as error:
+        raise _damaged(path, f"header: {error}") from error
     if text is None:
         raise _not_a_table(path, f"no attribute '{_ATTRIBUTE}'")
     description = _parse(path, text)
@@ -119,11 +138,14 @@ def _read_exr(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
 
 def _read_npz(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+        with path.open("rb") as stream:
+            file = np.load(stream, allow_pickle=False)
+            if isinstance(file, np.ndarray):
+                raise _not_a_table(path, "a single array without a name")
             if not {"values", "metadata"} <= set(file.files):
                 raise _not_a_table(path, f"arrays {', '.join(file.files)}")
             values, text = file["values"], str(file["metadata"])
-    except (OSError, EOFError, zipfile.BadZipFile) as error:
+    except (OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise _damaged(path, str(error)) from error
     except ValueError as error:
         if isinstance(error, InputError):
@@ -142,7 +164,11 @@ def _read_half(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
             "both files, as they were written",
             "Half floats alone do not tell their layout; np.fromfile(path, '<f2') reads them.",
         )
-    description = _parse(path, sidecar.read_text(encoding="utf-8"))
+    try:
+        text = sidecar.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise _damaged(sidecar, str(error)) from error
+    description = _parse(path, text)
     terms = _terms(path, description)
     try:
         layout = Layout(**description["layout"])
@@ -225,7 +251,11 @@ def _axes(layout: Layout) -> str:
 def _attributes(description: dict[str, Any]) -> dict[str, str]:
     """Header of an EXR file: for people one by one, for `load` all at once."""
     metadata = description["metadata"]
-    basis, error = metadata.get("basis", {}), metadata.get("measured_error")
+    basis, error = (
+        value if isinstance(value, dict) else {}
+        for value in (metadata.get("basis"), metadata.get("measured_error"))
+    )
+    largest = error.get("max")
     return {
         "comments": "Directional albedo of basis functions; Fbar = sum c_i bbar_i",
         "axes": description["axes"],
@@ -237,7 +267,7 @@ def _attributes(description: dict[str, Any]) -> dict[str, str]:
         "recipe": str(basis.get("recipe", "unknown")),
         "basisSha256": str(basis.get("sha256", "unknown")),
         "quadrature": str(metadata.get("quadrature", "unknown")),
-        "measuredError": f"{error['max']:.2g}" if error else "not measured",
+        "measuredError": f"{largest:.2g}" if isinstance(largest, int | float) else "not measured",
         "sha256": description["sha256"],
         _ATTRIBUTE: json.dumps(description),
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
@@ -71,6 +72,11 @@ class Layout:
         With "centres" texel i of n stands for i / (n - 1), with "edges" for (i + 1/2) / n, and
         lookups nearer to the edge are clamped.
 
+    Raises
+    ------
+    InputError
+        For sizes out of range, and unknown axes or addressing.
+
     Examples
     --------
     >>> from fresnel_decomp.table_layout import Layout
@@ -88,10 +94,16 @@ class Layout:
         choose("mu_axis", self.mu_axis, MU_AXES)
         choose("alpha_axis", self.alpha_axis, ALPHA_AXES)
         choose("addressing", self.addressing, ADDRESSING)
-        for size in (self.width, self.height):
-            if not isinstance(size, int) or not 2 <= size <= 4096:
+        given = f"a table of {self.width} x {self.height} texels"
+        for name in ("width", "height"):
+            try:
+                size = operator.index(getattr(self, name))
+            except TypeError:
+                size = 0
+            object.__setattr__(self, name, size)
+            if not 2 <= size <= 4096:
                 raise input_error(
-                    f"a table of {self.width} x {self.height} texels",
+                    given,
                     "whole numbers from 2 to 4096",
                     "64 x 64 is enough; see the documentation, Preintegration.",
                 )
