@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._array import drjit_module, is_drjit
-from .._check import input_error
+from .._array import drjit_module, is_drjit, one_kind
+from .._check import InputError, input_error
 
 __all__ = ["Environment", "city", "sunsky", "texel_directions"]
 
@@ -207,23 +207,91 @@ def _hats(
     return np.maximum(1.0 - distance / (coarse[1] - coarse[0]), 0.0)
 
 
-def as_vector(value: Any) -> Any:
+def as_vector(value: Any, name: str = "direction") -> Any:
     """A tuple of three Dr.Jit arrays, if `value` consists of them, else a NumPy array (..., 3).
 
-    Vectors of Mitsuba's scalar variants consist of Python floats.
+    Vectors of Mitsuba's scalar variants consist of Python floats. Numbers beside Dr.Jit arrays
+    become arrays as well.
+
+    Raises
+    ------
+    InputError
+        For other numbers of components, tensors, and NumPy arrays beside Dr.Jit arrays.
     """
+    dr = drjit_module()
+    if is_drjit(value) and dr is not None and dr.is_tensor_v(value):
+        raise _no_vector(f"{name}: a tensor of shape {tuple(value.shape)}")
     if is_drjit(value) or (isinstance(value, tuple | list) and is_drjit(*value)):
-        components = tuple(value[i] for i in range(3))
+        components = [value[i] for i in range(len(value))]
         if is_drjit(*components):
-            return components
-    return np.asarray(value)
+            assert dr is not None
+            if len(components) != 3:
+                raise _no_vector(f"{name} of {len(components)} Dr.Jit arrays")
+            arrays = [c for c in components if is_drjit(c)]
+            if not all(dr.depth_v(c) == 1 and dr.is_float_v(c) for c in arrays):
+                raise _no_vector(f"{name} of {', '.join(type(c).__name__ for c in arrays)}")
+            kind = type(sum(0.0 * c for c in arrays))
+            return tuple(of_kind(kind, c) for c in one_kind(*components))
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiu" or array.ndim == 0 or array.shape[-1] != 3:
+        raise _no_vector(f"{name}: {array.dtype} array of shape {array.shape}")
+    return array
+
+
+def _no_vector(given: str) -> InputError:
+    return input_error(
+        given,
+        "a real array (..., 3), or three Dr.Jit arrays such as mi.Vector3f has",
+        "Components are on the last axis of NumPy arrays; np.stack([x, y, z], axis=-1) joins them.",
+    )
+
+
+def as_vectors(*beside: Any, **named: Any) -> list[Any]:
+    """Vectors as `as_vector` returns them, all of one kind: that of Dr.Jit if any argument is.
+
+    Parameters
+    ----------
+    *beside
+        Numbers that are used together with them.
+    **named
+        Vectors; three numbers fit to Dr.Jit arrays, NumPy arrays of many vectors do not.
+
+    Raises
+    ------
+    InputError
+        For what is no vector, and for arrays of NumPy together with Dr.Jit's.
+    """
+    vectors = {name: as_vector(value, name) for name, value in named.items()}
+    arrays = [v for v in vectors.values() if isinstance(v, tuple)]
+    if not arrays and not is_drjit(*beside):
+        return list(vectors.values())
+    for name, vector in vectors.items():
+        if not isinstance(vector, tuple) and vector.ndim != 1:
+            raise input_error(
+                f"{name}: a NumPy array of shape {vector.shape} together with Dr.Jit arrays",
+                "arrays of one kind, and three numbers",
+                f"Convert first, e.g. mi.Vector3f({name}.T).",
+            )
+    one_kind(*beside, *(array for vector in arrays for array in vector))
+    parts = [value for value in beside if is_drjit(value)] + [v[0] for v in arrays]
+    kind = type(sum(0.0 * part for part in parts))
+    return [tuple(of_kind(kind, c) for c in vector) for vector in vectors.values()]
+
+
+def of_kind(kind: Any, value: Any) -> Any:
+    """A number as a Dr.Jit array, and no part of the kernel: the next one needs no new kernel."""
+    if is_drjit(value):
+        return value
+    dr = drjit_module()
+    assert dr is not None
+    return dr.opaque(kind, float(value)) if dr.is_jit_v(kind) else kind(float(value))
 
 
 def fetch(data: Any, offset: Any, height: Any, width: Any, x: Any, y: Any, z: Any) -> Any:
     """Bilinear lookup in a map of height times width texels that starts at texel `offset` of data.
 
     NumPy or Dr.Jit: data is flat with the three channels of a texel together; offset, height and
-    width are integers or arrays of them. Returns a tuple of three arrays.
+    width are integers or arrays of them. Returns a tuple of three arrays, NaN where x, y or z is.
     """
     dr = drjit_module()
     if is_drjit(x, y, z):
@@ -231,17 +299,22 @@ def fetch(data: Any, offset: Any, height: Any, width: Any, x: Any, y: Any, z: An
         number: Any = type(x)
         index: Any = dr.int32_array_t(number)
         atan2, floor, clip, sqrt = dr.atan2, dr.floor, dr.clip, dr.sqrt
+        select = dr.select
     else:
         index, number = (lambda v: np.asarray(v).astype(np.int64)), np.asarray
         atan2, floor, clip, sqrt = np.arctan2, np.floor, np.clip, np.sqrt
+        select = np.where
     turn = atan2(x, -z) * (0.5 / np.pi)
     # not acos(y), which has neither digits nor a derivative near the poles
     polar = atan2(sqrt(x * x + z * z), y) * (1.0 / np.pi)
     column = (turn - floor(turn)) * number(width) - 0.5
     row = polar * number(height - 1)
-    left = floor(column)
-    top = clip(floor(row), 0, number(height - 2))
-    s, t = column - left, row - top
+    # what is no direction has no texel, and reads some that exists
+    length = x * x + y * y + z * z
+    known = (length > 0.0) & (length < np.inf) & (column == column) & (row == row)
+    left = select(known, floor(column), 0.0)
+    top = select(known, clip(floor(row), 0, number(height - 2)), 0.0)
+    s, t = select(known, column - left, np.nan), row - top
     first = index(left)
     first = _select(dr, first < 0, first + width, first)
     second = _select(dr, first + 1 >= width, first + 1 - width, first + 1)

@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 
 from .._array import drjit_constant, drjit_module, is_drjit
 from .._check import input_error
-from .environment import Environment, as_vector, fetch, row_weights
+from ..table_layout import Layout
+from .environment import Environment, as_vectors, fetch, row_weights
 
 __all__ = ["PrefilteredLight", "prefilter", "split_light"]
 
@@ -68,20 +69,24 @@ class PrefilteredLight:
         direction : (..., 3) float array, or three Dr.Jit arrays, as `mi.Vector3f` has them
             The mirror direction, unit length.
         alpha : (...) float in [0, 1]
-            Roughness; clamped. Between levels it counts by its square root.
+            Roughness; clamped. Between levels it counts by its square root, as in `Layout`.
 
         Returns
         -------
-        (..., 3) float array, or a tuple of three Dr.Jit arrays
+        (..., 3) float array, or a tuple of three Dr.Jit arrays if an argument is one; NaN where the
+        direction or alpha is. Differentiable in both, in alpha also at 0 and 1.
+
+        Raises
+        ------
+        InputError
+            For directions without three components, and for arrays of NumPy together with Dr.Jit's.
         """
-        direction = as_vector(direction)
+        (direction,) = as_vectors(alpha, direction=direction)
         if isinstance(direction, tuple):
             return self._lookup_drjit(direction, alpha)
         data, layout = self._packed
-        last = len(self.levels) - 1
-        alpha = np.asarray(alpha)
-        position = np.sqrt(np.clip(alpha, 0.0, 1.0)) * last
-        lower = np.minimum(position.astype(np.int64), last - 1)
+        position = self._position(np.asarray(alpha))
+        lower = np.minimum(np.nan_to_num(position).astype(np.int64), len(self.levels) - 2)
         t = (position - lower)[..., None]
         xyz = np.moveaxis(direction, -1, 0)
         smooth, rough = (
@@ -89,6 +94,10 @@ class PrefilteredLight:
             for level in (lower, lower + 1)
         )
         return smooth + t * (rough - smooth)
+
+    def _position(self, alpha: Any) -> Any:
+        """Fractional level of alpha, on the axis that tables have too."""
+        return Layout(2, len(self.levels)).texel(0.0, alpha)[1]
 
     @functools.cached_property
     def _packed(self) -> tuple[NDArray[np.float32], tuple[NDArray[np.int64], ...]]:
@@ -114,10 +123,9 @@ class PrefilteredLight:
                 [drjit_constant(index, c) for c in layout],
             )
         texels, tables = self._on_device[kind]
-        last = len(self.levels) - 1
-        alpha = alpha if is_drjit(alpha) else kind(float(alpha))
-        position = dr.sqrt(dr.clip(alpha, 0.0, 1.0)) * last
-        lower = dr.minimum(index(position), last - 1)
+        position = self._position(alpha if is_drjit(alpha) else kind(float(alpha)))
+        known = dr.select(dr.isnan(position), 0.0, dr.detach(position))
+        lower = dr.minimum(index(known), len(self.levels) - 2)
         t = position - kind(lower)
         smooth, rough = (
             fetch(texels, *(dr.gather(index, table, level) for table in tables), *direction)

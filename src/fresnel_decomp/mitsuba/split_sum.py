@@ -34,7 +34,7 @@ from .._schlick import bend_factor
 from ..albedo import directional_albedo
 from ..microfacet import Smith
 from ..table import AlbedoTable, Layout
-from .environment import as_vector
+from .environment import as_vectors, of_kind
 from .prefilter import PrefilteredLight
 
 __all__ = [
@@ -87,27 +87,35 @@ class SplitAlbedo:
             )
 
     def __call__(self, mu: Any, alpha: Any) -> Any:
-        """(..., 3) float array, or a tuple of three Dr.Jit arrays."""
+        """(..., 3) float array, or a tuple of three Dr.Jit arrays.
+
+        Parameters
+        ----------
+        mu, alpha : (...) float
+            As for `AlbedoTable.lookup`: clamped to [0, 1], NaN gives NaN.
+
+        Raises
+        ------
+        InputError
+            For Dr.Jit coefficients if neither mu nor alpha is a Dr.Jit array.
+        """
         functions = self.table.lookup(mu, alpha)
         if not is_drjit(mu, alpha):
+            if any(is_drjit(c) for row in self.coefficients for c in row):
+                raise input_error(
+                    "Dr.Jit coefficients together with mu and alpha of NumPy",
+                    "mu or alpha as a Dr.Jit array",
+                    "Convert it first, e.g. mi.Float(mu).",
+                )
             return functions @ np.asarray(self.coefficients, functions.dtype).T
         kind = type(functions[0])
         return tuple(
             sum(
-                (_value(kind, c) * b for c, b in zip(row[1:], functions[1:], strict=True)),
-                _value(kind, row[0]) * functions[0],
+                (of_kind(kind, c) * b for c, b in zip(row[1:], functions[1:], strict=True)),
+                of_kind(kind, row[0]) * functions[0],
             )
             for row in self.coefficients
         )
-
-
-def _value(kind: Any, value: Any) -> Any:
-    """A number that is no part of the kernel, so that the next material needs no new one."""
-    dr = drjit_module()
-    assert dr is not None
-    if is_drjit(value):
-        return value
-    return dr.opaque(kind, float(value)) if dr.is_jit_v(kind) else float(value)
 
 
 def _schlick_functions(cos_theta: np.ndarray) -> np.ndarray:
@@ -202,30 +210,42 @@ def shade(
     light : PrefilteredLight
     albedo : callable (mu, alpha) to three channels
     normal, view : (..., 3) float arrays, or three Dr.Jit arrays each, as `mi.Vector3f` has them
-        Unit vectors; view points to the viewer.
+        Unit vectors; view points to the viewer. One of them may be three numbers beside a vector of
+        Dr.Jit arrays.
     alpha : (...) float in [0, 1]
+        Roughness; clamped.
 
     Returns
     -------
-    (..., 3) float array, or a tuple of three Dr.Jit arrays: 0 where the viewer is below the
-    surface. Differentiable in the normal, the view, alpha and what the albedo depends on.
+    (..., 3) float array, or a tuple of three Dr.Jit arrays if any argument is one: 0 where the
+    viewer is below the surface, NaN where a vector or alpha is. Differentiable in the normal, the
+    view, alpha and what the albedo depends on; in alpha also at 0, where the perceptual roughness
+    has an infinite slope: there the derivative is that of the first 1e-8 of alpha.
+
+    Raises
+    ------
+    InputError
+        For vectors without three components, and for arrays of NumPy together with Dr.Jit's.
     """
-    normal, view = as_vector(normal), as_vector(view)
+    normal, view = as_vectors(alpha, normal=normal, view=view)
     if isinstance(normal, tuple):
         dr = drjit_module()
         assert dr is not None
         cosine = normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]
         mirrored = [2.0 * cosine * n - v for n, v in zip(normal, view, strict=True)]
-        alpha = _value(type(cosine), alpha)
+        alpha = of_kind(type(cosine), alpha)
         radiance = light.lookup(mirrored, alpha)
-        reflectance = albedo(dr.minimum(dr.maximum(cosine, 0.0), 1.0), alpha)
+        # selected and not clipped: at the ends of [0, 1] derivatives pass
+        mu = dr.select(cosine < 0.0, 0.0, dr.select(cosine > 1.0, 1.0, cosine))
+        # not `cosine > 0`, which would be false for NaN
         return tuple(
-            dr.select(cosine > 0.0, a * b, 0.0) for a, b in zip(radiance, reflectance, strict=True)
+            dr.select(cosine <= 0.0, 0.0, a * b)
+            for a, b in zip(radiance, albedo(mu, alpha), strict=True)
         )
     cosine = np.sum(normal * view, axis=-1)
     mirrored = 2.0 * cosine[..., None] * normal - view
     product = light.lookup(mirrored, alpha) * albedo(np.clip(cosine, 0.0, 1.0), alpha)
-    return np.where(cosine[..., None] > 0.0, product, 0.0)
+    return np.where(cosine[..., None] <= 0.0, 0.0, product)
 
 
 # --- what a scene shows --------------------------------------------------------------------------
