@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -146,7 +148,7 @@ def test_progress_is_told() -> None:
     assert steps == [0.25, 0.5, 0.75, 1.0]
 
 
-@pytest.mark.parametrize("alpha", [0.0, -0.1, 1.1, np.nan])
+@pytest.mark.parametrize("alpha", [0.0, -0.1, 1.1, np.nan, "rough", None])
 def test_roughness_that_is_refused(alpha: float) -> None:
     with pytest.raises(InputError, match="alpha"):
         blurred(city(16), alpha)
@@ -155,8 +157,30 @@ def test_roughness_that_is_refused(alpha: float) -> None:
 def test_sizes_that_are_refused() -> None:
     with pytest.raises(InputError, match="width=12; accepted: an even divisor of 16"):
         blurred(city(16), 0.5, 12)
-    with pytest.raises(InputError, match="levels=1"):
-        prefilter(city(16), levels=1)
+    with pytest.raises(InputError, match=r"width=8\.0; accepted"):
+        blurred(city(16), 0.5, 8.0)  # type: ignore[arg-type]
+    for levels in (1, 2.5, 3.0, "3", 5000):
+        with pytest.raises(InputError, match=r"levels=.*; accepted: an integer from 2 to 4096"):
+            prefilter(city(16), levels)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"direction": [0.0, 0.0, 0.0]}, "direction=.*not all 0"),
+        ({"direction": [0.0, np.nan, 0.0]}, "direction=.*not all 0"),
+        ({"direction": np.ones((2, 3))}, "direction=.*One direction at a time"),
+        ({"direction": [0.0, 1.0]}, r"direction: .* shape \(2,\); accepted"),
+        ({"alpha": np.nan}, "alpha=nan; accepted"),
+        ({"alpha": 2.0}, r"alpha=2\.0; accepted"),
+        ({"samples": 0}, "samples=0; accepted: an integer"),
+        ({"samples": 8.0}, r"samples=8\.0; accepted: an integer"),
+    ],
+)
+def test_estimates_that_are_refused(change: dict[str, Any], message: str) -> None:
+    good: dict[str, Any] = {"direction": [0.0, 1.0, 0.0], "alpha": 0.3, "samples": 8}
+    with pytest.raises(InputError, match=message):
+        split_light(city(16), **{**good, **change})
 
 
 @pytest.mark.parametrize("backend", AD_BACKENDS)

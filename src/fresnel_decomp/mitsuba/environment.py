@@ -20,12 +20,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._array import drjit_module, is_drjit, one_kind
-from .._check import InputError, input_error
+from .._check import InputError, choose, input_error, is_real, is_whole
 
 __all__ = ["Environment", "city", "sunsky", "texel_directions"]
 
 _SUFFIXES = (".exr", ".hdr")
 _LARGEST = 16384  # columns
+_ANY = 10**9  # columns to turn by
+_SUNSKY_OPTIONS = ("albedo", "sun_scale", "sky_scale", "sun_aperture", "complex_sun")
 
 
 def texel_directions(width: int, height: int | None = None) -> NDArray[np.float64]:
@@ -34,13 +36,31 @@ def texel_directions(width: int, height: int | None = None) -> NDArray[np.float6
     Parameters
     ----------
     width, height : int
-        Columns and rows, half as many if not given.
+        Columns and rows, half as many if not given. There are two rows at least: the poles.
 
     Returns
     -------
     (height, width, 3) float64 array
+
+    Raises
+    ------
+    InputError
+        For sizes that are no integers, or smaller.
+
+    Examples
+    --------
+    >>> texel_directions(8).shape
+    (4, 8, 3)
     """
-    height = width // 2 if height is None else height
+    given = f"width={width!r}" if height is None else f"width={width!r}, height={height!r}"
+    height = width // 2 if height is None and is_whole(width, 1) else height
+    if not is_whole(width, 1) or not is_whole(height, 2):
+        raise input_error(
+            given,
+            "an integer width ≥ 1 and height ≥ 2, or a width ≥ 4 alone",
+            "Rows are half as many as columns if their number is not given.",
+        )
+    assert height is not None
     polar = np.linspace(0.0, np.pi, height)[:, None]
     turn = 2.0 * np.pi * (np.arange(width) + 0.5) / width
     return _direction(polar, turn)
@@ -136,8 +156,16 @@ class Environment:
         return environment if width is None else environment.resized(width)
 
     def emitter(self) -> dict[str, Any]:
-        """The dictionary of Mitsuba's `envmap` that emits this light."""
+        """The dictionary of Mitsuba's `envmap` that emits this light.
+
+        Raises
+        ------
+        InputError
+            If no variant is set.
+        """
         import mitsuba as mi
+
+        _require_variant()
 
         bitmap = mi.Bitmap(np.array(self.radiance), pixel_format=mi.Bitmap.PixelFormat.RGB)
         return {"type": "envmap", "bitmap": bitmap}
@@ -152,7 +180,12 @@ class Environment:
 
         Returns
         -------
-        (..., 3) float array, or a tuple of three Dr.Jit arrays
+        (..., 3) float array, or a tuple of three Dr.Jit arrays; NaN where the direction is.
+
+        Raises
+        ------
+        InputError
+            For directions without three components.
         """
         shape = (self.height, self.width)
         direction = as_vector(direction)
@@ -174,9 +207,26 @@ class Environment:
         ----------
         width : int
             Columns, even, at least 4. Maps are not enlarged: a width above the map's is ignored.
+
+        Returns
+        -------
+        Environment
+            This one if it is small enough.
+
+        Raises
+        ------
+        InputError
+            For another width.
+
+        Examples
+        --------
+        >>> city(64).resized(32).radiance.shape
+        (16, 32, 3)
         """
-        if width < 4 or width % 2:
-            raise input_error(f"width={width}", "an even integer ≥ 4", "512 is enough for shading.")
+        if not is_whole(width, 4) or width % 2:
+            raise input_error(
+                f"width={width!r}", "an even integer ≥ 4", "512 is enough for shading."
+            )
         if width >= self.width:
             return self
         height = width // 2
@@ -189,7 +239,32 @@ class Environment:
         return Environment(np.einsum("lk,ikc->ilc", columns, smaller, optimize=True), self.name)
 
     def turned(self, columns: int) -> Environment:
-        """The same light turned about the y axis by whole columns, to the right in the map."""
+        """The same light turned about the y axis by whole columns, to the right in the map.
+
+        Parameters
+        ----------
+        columns : int
+            Of either sign; the angle is 2π columns / width.
+
+        Returns
+        -------
+        Environment
+
+        Raises
+        ------
+        InputError
+            If it is no integer.
+
+        Examples
+        --------
+        >>> light = city(64)
+        >>> bool((light.turned(64).radiance == light.radiance).all())
+        True
+        """
+        if not is_whole(columns, -_ANY, _ANY):
+            raise input_error(
+                f"columns={columns!r}", "an integer", "round(angle / (2 π) · width) is one."
+            )
         return Environment(np.roll(self.radiance, columns, axis=1), self.name)
 
 
@@ -398,19 +473,26 @@ def sunsky(
     Parameters
     ----------
     width : int
-        Columns, even, at least 4.
+        Columns, even, 4 to 16,384.
     sun_direction : (3,) float
         Towards the sun, y up; above the horizon.
     turbidity : float in [1, 10]
     oversampling : int, ≥ 1
         Directions along each side of a texel.
     **parameters
-        Others of the emitter: `albedo`, `sun_scale`, `sky_scale`, `sun_aperture`.
+        Others of the emitter: `albedo`, `sun_scale`, `sky_scale`, `sun_aperture`, `complex_sun`.
+
+    Returns
+    -------
+    Environment
+        Called "sunsky".
 
     Raises
     ------
     InputError
-        In scalar variants, which would need minutes, and for a sun below the horizon.
+        In scalar variants, which would need minutes; for a sun below the horizon, other sizes and
+        other turbidities; and for parameters that the emitter does not have, or values that it
+        refuses.
     """
     import drjit as dr
     import mitsuba as mi
@@ -424,15 +506,29 @@ def sunsky(
             "y is up: (0, 1, 0) is a sun in the zenith.",
         )
     _check_size(width, oversampling)
-    emitter = mi.load_dict(
-        {
-            "type": "sunsky",
-            "sun_direction": sun.tolist(),  # in the world's frame
-            "to_world": mi.ScalarTransform4f().rotate([1, 0, 0], -90.0),  # z is up in its own
-            "turbidity": float(turbidity),
-            **parameters,
-        }
-    )
+    if not is_real(turbidity, 1.0, 10.0):
+        raise input_error(
+            f"turbidity={turbidity!r}",
+            "a number in [1, 10]",
+            "3 is the default; haze grows with it.",
+        )
+    for name in parameters:
+        choose("parameter of sunsky", name, _SUNSKY_OPTIONS)
+    description = {
+        "type": "sunsky",
+        "sun_direction": sun.tolist(),  # in the world's frame
+        "to_world": mi.ScalarTransform4f().rotate([1, 0, 0], -90.0),  # z is up in its own
+        "turbidity": float(turbidity),
+        **parameters,
+    }
+    try:
+        emitter = mi.load_dict(description)
+    except RuntimeError as error:
+        raise input_error(
+            f"parameters of sunsky {parameters} ({' '.join(str(error).split())})",
+            "values that Mitsuba's emitter takes",
+            "Leave out what you do not mean to change.",
+        ) from error
 
     def radiance(directions: NDArray[np.float64]) -> NDArray[np.float64]:
         towards = directions.reshape(-1, 3).astype(np.float32).T
@@ -452,10 +548,10 @@ def sunsky(
 
 
 def _check_size(width: int, oversampling: int) -> None:
-    if width < 4 or width % 2 or oversampling < 1:
+    if not is_whole(width, 4, _LARGEST) or width % 2 or not is_whole(oversampling, 1):
         raise input_error(
-            f"width={width}, oversampling={oversampling}",
-            "an even width ≥ 4 and oversampling ≥ 1",
+            f"width={width!r}, oversampling={oversampling!r}",
+            f"an even integer width from 4 to {_LARGEST} and an integer oversampling ≥ 1",
             "512 and 4 are enough for shading.",
         )
 
@@ -479,7 +575,7 @@ def _averaged(
         # beyond a pole the texel's area is on the other side of it: mirrored
         polar = np.abs(np.pi * (rows + dy) / (height - 1))
         polar = np.where(polar > np.pi, 2.0 * np.pi - polar, polar)[:, None]
-        share = np.sin(polar)
+        share = np.maximum(np.sin(polar), 1e-12)  # a single direction may be the pole
         turn = 2.0 * np.pi * (columns[:, None] + 0.5 + offsets) / width
         total += share * radiance(_direction(polar, turn)).mean(axis=1)
         weight += share
@@ -490,7 +586,6 @@ def _averaged(
 # --- a city made up ------------------------------------------------------------------------------
 
 
-@functools.lru_cache(maxsize=4)
 def city(width: int = 512) -> Environment:
     """A square between houses in the late afternoon, made of nothing but numbers.
 
@@ -502,7 +597,17 @@ def city(width: int = 512) -> Environment:
     Parameters
     ----------
     width : int
-        Columns, even, at least 4.
+        Columns, even, 4 to 16,384.
+
+    Returns
+    -------
+    Environment
+        Called "city"; the last four widths are kept.
+
+    Raises
+    ------
+    InputError
+        For another width.
 
     Examples
     --------
@@ -511,6 +616,11 @@ def city(width: int = 512) -> Environment:
     (32, 64, 3)
     """
     _check_size(width, 4)
+    return _city(int(width))
+
+
+@functools.lru_cache(maxsize=4)
+def _city(width: int) -> Environment:
     return Environment(_averaged(_city_radiance, width, 4), "city")
 
 

@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._array import drjit_constant, drjit_module, is_drjit
-from .._check import input_error
+from .._check import input_error, is_real, is_whole
 from ..table_layout import Layout
-from .environment import Environment, as_vectors, fetch, row_weights
+from .environment import Environment, as_vector, as_vectors, fetch, row_weights
 
 __all__ = ["PrefilteredLight", "prefilter", "split_light"]
 
@@ -145,7 +145,7 @@ def prefilter(
     ----------
     environment : Environment
         512 columns are enough for shading; wider ones take minutes.
-    levels : int, at least 2
+    levels : int, 2 to 4096
         Maps, the environment itself included; uniform in perceptual roughness.
     progress : callable, optional
         Called with the fraction done after each level.
@@ -154,6 +154,11 @@ def prefilter(
     -------
     PrefilteredLight
 
+    Raises
+    ------
+    InputError
+        For another number of levels.
+
     Examples
     --------
     >>> from fresnel_decomp.mitsuba.environment import city
@@ -161,8 +166,10 @@ def prefilter(
     >>> [level.shape for level in light.levels]
     [(16, 32, 3), (16, 32, 3), (16, 32, 3)]
     """
-    if levels < 2:
-        raise input_error(f"levels={levels}", "an integer ≥ 2", f"{LEVELS} are the default.")
+    if not is_whole(levels, 2, 4096):
+        raise input_error(
+            f"levels={levels!r}", "an integer from 2 to 4096", f"{LEVELS} are the default."
+        )
     maps = [environment.radiance]
     for i in range(1, levels):
         alpha = (i / (levels - 1)) ** 2
@@ -186,15 +193,20 @@ def blurred(
     alpha : float in (0, 1]
     width : int
         Columns of the result, an even divisor of the environment's, by default all of them.
+
+    Raises
+    ------
+    InputError
+        For other roughnesses and widths.
     """
     from scipy.fft import dct
 
-    if not 0.0 < alpha <= 1.0:
-        raise input_error(f"alpha={alpha}", "a number in (0, 1]", "At 0 the map is as it is.")
+    if not is_real(alpha, 0.0, 1.0) or alpha == 0.0:
+        raise input_error(f"alpha={alpha!r}", "a number in (0, 1]", "At 0 the map is as it is.")
     width = environment.width if width is None else width
-    if width < 4 or width % 2 or environment.width % width:
+    if not is_whole(width, 4) or width % 2 or environment.width % width:
         raise input_error(
-            f"width={width}",
+            f"width={width!r}",
             f"an even divisor of {environment.width}, at least 4",
             "The environment's own width always works.",
         )
@@ -268,13 +280,50 @@ def _evaluated(half: NDArray[np.complex128], columns: int, width: int) -> NDArra
 def split_light(
     environment: Environment, direction: Sequence[float], alpha: float, samples: int = 2**18
 ) -> NDArray[np.float64]:
-    """(3,) float64: the same light term for one direction by quasi-Monte Carlo.
+    """The same light term for one direction by quasi-Monte Carlo.
 
     An estimator that has nothing in common with `prefilter`, to compare with: Sobol points become
     GGX normals about the direction, mirrored light is weighted by its cosine (Karis 2013).
+
+    Parameters
+    ----------
+    environment : Environment
+    direction : (3,) float
+        The mirror direction, of any length but 0.
+    alpha : float in [0, 1]
+    samples : int, ≥ 1
+        Powers of 2 are best.
+
+    Returns
+    -------
+    (3,) float64 array
+
+    Raises
+    ------
+    InputError
+        For what is no direction, and for other roughnesses and numbers of samples.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fresnel_decomp.mitsuba.environment import Environment
+    >>> uniform = Environment(np.full((4, 8, 3), 0.5))
+    >>> split_light(uniform, [0, 1, 0], alpha=0.3, samples=256).round(6).tolist()
+    [0.5, 0.5, 0.5]
     """
     from scipy.stats import qmc
 
+    towards = as_vector(direction)
+    if isinstance(towards, tuple) or towards.shape != (3,) or not 0.0 < towards @ towards < np.inf:
+        raise input_error(
+            f"direction={' '.join(repr(direction).split())}",
+            "three finite numbers, not all 0",
+            "One direction at a time.",
+        )
+    if not is_real(alpha, 0.0, 1.0):
+        raise input_error(f"alpha={alpha!r}", "a number in [0, 1]", "GGX's roughness.")
+    if not is_whole(samples, 1):
+        raise input_error(f"samples={samples!r}", "an integer ≥ 1", "2**18 is the default.")
     points = qmc.Sobol(2, scramble=True, rng=0).random(samples)
     forward = np.asarray(direction, np.float64)
     forward = forward / np.linalg.norm(forward)
