@@ -264,6 +264,7 @@ def vectorised() -> Iterator[None]:
         ({"turbidity": "clear"}, "turbidity='clear'; accepted"),
         ({"sun_scal": 2.0}, r"'sun_scal' is unknown; accepted: .*Did you mean 'sun_scale'"),
         ({"albedo": 2.0}, r"albedo.*must be in \[0, 1\].*; accepted: values that Mitsuba"),
+        ({"sun_scale": np.nan}, "sun_scale=nan; accepted: finite"),
         ({"sun_aperture": "wide"}, r"sun_aperture.*; accepted: values that Mitsuba"),
         ({"width": 16.0}, r"width=16\.0, oversampling=4; accepted: an even integer width"),
         ({"width": 15}, "width=15, oversampling=4; accepted"),

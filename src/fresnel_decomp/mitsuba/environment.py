@@ -512,8 +512,10 @@ def sunsky(
             "a number in [1, 10]",
             "3 is the default; haze grows with it.",
         )
-    for name in parameters:
+    for name, value in parameters.items():
         choose("parameter of sunsky", name, _SUNSKY_OPTIONS)
+        if isinstance(value, float) and not math.isfinite(value):  # taken without a word
+            raise input_error(f"{name}={value}", "finite values", "Leave it out for the default.")
     description = {
         "type": "sunsky",
         "sun_direction": sun.tolist(),  # in the world's frame
