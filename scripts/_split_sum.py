@@ -272,6 +272,11 @@ def measure(
     }
 
 
+def light_effort(width: int) -> tuple[int, int]:
+    """Directions, and samples in each, that the light of a map's width is checked with."""
+    return (48, 2**18) if width == 512 else (8, 2**14)
+
+
 def light_error(name: str, width: int, alpha: float, directions: int, samples: int) -> Numbers:
     """Largest and RMS error of the prefiltered light over the map's mean, by quasi-Monte Carlo."""
     from fresnel_decomp.mitsuba.prefilter import split_light
@@ -300,7 +305,7 @@ def compute(job: Job) -> dict[str, Any]:
             results["scenes"][scene.stem] = study.sphere(scene)
         for scene in balls:
             results["scenes"][scene.stem] = study.ball(scene)
-        effort = (48, 2**18) if study.light_width == 512 else (8, 2**14)
+        effort = light_effort(study.light_width)
         job.report("checking the light", 1.0)
         results["light_error"] = {
             f"{alpha:g}": light_error("city", study.light_width, alpha, *effort) for alpha in ALPHAS

@@ -29,6 +29,7 @@ from _split_sum import (
     SPLIT_SPP,
     Scene,
     compute,
+    light_effort,
     prefiltered,
     read_image,
     reference_image,
@@ -47,7 +48,8 @@ LABELS = {
     "f82": "F82",
 }
 COLUMNS = ("talk", "notebook", "balanced", "Schlick", "F82")  # of MODELS
-TABLES = tuple(f"split_sum_{name}.csv" for name in ("fresnel", "table", "reference"))
+TABLES = tuple(f"split_sum_{name}.csv" for name in ("fresnel", "table", "reference", "summary"))
+SUMMARY_HEADER = ("", "", "", "exact F̄", *COLUMNS)
 Results = Mapping[str, Any]
 
 
@@ -76,7 +78,7 @@ def write_rows(path: Path, header: Sequence[str], rows: Sequence[Sequence[str]])
 
 
 def write_tables(results: Results, folder: Path) -> None:
-    """One table per comparison; each cell holds the three measures."""
+    """One table per comparison, each cell with the three measures, and their summary."""
     found = results["scenes"]
 
     def named(scene: Scene) -> list[str]:
@@ -110,62 +112,83 @@ def write_tables(results: Results, folder: Path) -> None:
     ]
     header = ["", "α", "noise", "exact F̄", *COLUMNS]
     write_rows(folder / TABLES[2], header, rows)
+    write_rows(folder / TABLES[3], SUMMARY_HEADER, summary(results))
 
 
-def summary(results: Results) -> list[str]:
-    """What the tables say, in lines."""
-    found = [results["scenes"][s.stem] for s in SPHERES]
-    metals = [results["scenes"][s.stem] for s in SPHERES if s.material in ("Be", "Au", "Al", "Cu")]
-    plastic = [results["scenes"][s.stem] for s in SPHERES if s.material == "plastic"]
+def summary(results: Results) -> list[list[str]]:
+    """What the tables say, as ranges over groups of scenes: rows of `SUMMARY_HEADER`."""
+    metals = ("Be", "Au", "Al", "Cu")
+    groups = {
+        name: [results["scenes"][s.stem] for s in SPHERES if s.material in members]
+        for name, members in {
+            "metals": metals,
+            "beryllium": ("Be",),
+            "copper": ("Cu",),
+            "plastic": ("plastic",),
+            "edge tint": ("edge",),
+            "spheres": tuple(MATERIALS),
+        }.items()
+    }
+    groups["shader balls"] = [
+        results["scenes"][s.stem] for s in BALLS if s.stem in results["scenes"]
+    ]
 
-    def span(values: Sequence[float], scale: float = 100.0) -> str:
-        return f"{rounded(scale * min(values))} to {rounded(scale * max(values))}"
+    def span(numbers: Sequence[Mapping[str, float]], measure: str) -> str:
+        scale = 100.0 if measure == "nrmse" else 1.0
+        least, most = (rounded(scale * f(n[measure] for n in numbers)) for f in (min, max))
+        return least if least == most else f"{least}–{most}"
 
-    def nrmse(rows: Sequence[Results], *keys: str) -> list[float]:
-        values = []
-        for row in rows:
-            value: Any = row
-            for key in keys:
-                value = value[key]
-            values.append(value["nrmse"])
-        return values
+    rows: list[list[str]] = []
 
-    lines = []
-    for group, rows in (("metals", metals), ("plastic", plastic)):
-        for m in MODELS:
-            span_ = span(nrmse(rows, "fresnel_alone", m))
-            lines.append(f"(i)   Fresnel alone, {group:<8} {m:<14} NRMSE {span_} %")
-    lines.append(f"(ii)  table and shading alone, all materials  NRMSE "
-                 f"{span(nrmse(found, 'table_alone'))} %")  # fmt: skip
-    for m in LABELS:
-        values = nrmse(found, "split_sum", m)
-        lines.append(f"(iii) split-sum, {m:<14} all spheres     NRMSE {span(values)} %")
-    lines.append(f"      noise of the reference                   NRMSE "
-                 f"{span(nrmse(found, 'noise'))} %")  # fmt: skip
-    for s in SPHERES:
-        if s.material == "edge":
-            after = results["scenes"][s.stem]["same_light"]
-            values = ", ".join(f"{m} {after[m]['delta_e']:.2f}" for m in MODELS)
-            lines.append(f"      edge tint, α {s.alpha:g}, split-sum against split-sum with exact "
-                         f"F̄: mean ΔE00 {values}")  # fmt: skip
+    def add(question: str, group: str, key: str, models: Sequence[str]) -> None:
+        """A row for each measure; what is measured once for all models is in one column."""
+        for measure, label in (("nrmse", "NRMSE, %"), ("delta_e", "ΔE00")):
+            cells = []
+            for m in LABELS:
+                found = [row[key].get(m, row[key]) for row in groups[group] if m in models]
+                cells.append(span(found, measure) if found else "")
+            rows.append([question, group, label, *cells])
+
+    for group in ("metals", "plastic", "edge tint"):
+        add("(i) Fresnel term alone", group, "fresnel_alone", MODELS)
+    for group in ("metals", "spheres"):
+        add("(ii) table alone", group, "table_alone", ["decomposition"])
+    for group in ("metals", "copper", "plastic", "edge tint"):
+        add("(ii) against exact F̄", group, "same_light", MODELS)
+    for group in ("beryllium", "copper", "spheres", "shader balls"):
+        add("(iii) split-sum", group, "split_sum", tuple(LABELS))
+    add("(iii) noise of the reference", "spheres", "noise", ["exact"])
+    directions, _ = light_effort(results["light_width"])
     for alpha, error in results["light_error"].items():
-        lines.append(
-            f"      light term, α {alpha}: RMS {100 * error['rms']:.3f} %, largest "
-            f"{100 * error['largest']:.3f} % of the mean"
-        )
-    return lines
+        for measure, label in (("rms", "RMS"), ("largest", "largest")):
+            question = f"light term, {directions} directions"
+            value = rounded(100.0 * error[measure])
+            rows.append([question, f"α = {alpha}", f"{label}, %", value, *[""] * len(MODELS)])
+    return rows
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table in plain text."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows
+    ]
 
 
 # --- pictures ------------------------------------------------------------------------------------
 
 
 def draw(folder: Path, pictures: Path) -> None:
-    results = read_sidecar(NAME, folder)["results"]
+    from fresnel_decomp.mitsuba.comparison import variant_scope  # imports the renderer
+
+    sidecar = read_sidecar(NAME, folder)
+    results = sidecar["results"]
     write_tables(results, pictures)
     draw_errors(results, pictures / FIGURE.pictures[0])
     draw_spheres(results, folder, pictures / FIGURE.pictures[1])
     draw_edge_tint(results, folder, pictures / FIGURE.pictures[2])
-    draw_lights(results, folder, pictures / FIGURE.pictures[3])
+    with variant_scope(sidecar["settings"]["variant"]):  # the sky is baked anew
+        draw_lights(results, folder, pictures / FIGURE.pictures[3])
 
 
 def draw_errors(results: Results, path: Path) -> None:
@@ -225,7 +248,7 @@ def over_white(image: np.ndarray, coverage: np.ndarray, exposure: float) -> np.n
 
 
 def draw_spheres(results: Results, folder: Path, path: Path) -> None:
-    """A row per material at the middle roughness: reference, table, Schlick, F82."""
+    """A row per material at two roughnesses: path traced, four-term table and Schlick."""
     alphas = (0.08, 0.3)
     columns = [None, "decomposition", "schlick"]
     side, gap, left, top, below, middle = 1.2, 0.05, 0.36, 0.62, 0.2, 0.3
@@ -384,7 +407,7 @@ def study(quick: bool, force: bool, variant: str | None, out: Path | None) -> No
     click.echo(f"{NAME} {state}: {shown(folder)}")
     for path in _figure.draw(FIGURE, folder, data if out or quick else PICTURES):
         click.echo(f"Wrote {shown(path)}")
-    for line in summary(read_sidecar(NAME, folder)["results"]):
+    for line in aligned([SUMMARY_HEADER, *summary(read_sidecar(NAME, folder)["results"])]):
         click.echo(line)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from fresnel_decomp._check import InputError
 from fresnel_decomp.images import write_exr
 from fresnel_decomp.mitsuba.environment import (
     Environment,
+    _city,
     city,
     row_weights,
     sunsky,
@@ -185,7 +187,7 @@ def test_turning() -> None:
 
 
 def test_city_is_the_same_every_time() -> None:
-    first, second = city(64).radiance, city.__wrapped__(64).radiance
+    first, second = city(64).radiance, _city.__wrapped__(64).radiance
     np.testing.assert_array_equal(first, second)
     mean = first.mean(axis=(0, 1))
     assert np.all((mean > 0.1) & (mean < 1.0))
@@ -237,3 +239,81 @@ def test_suns_that_are_refused(sun: tuple[float, ...]) -> None:
         sunsky(16, sun_direction=sun)
     if before:
         mi.set_variant(before)
+
+
+@pytest.fixture
+def vectorised() -> Iterator[None]:
+    import mitsuba as mi
+
+    from fresnel_decomp import doctor
+
+    if not doctor.usable_variants()["llvm_ad_rgb"].usable:
+        pytest.skip("sunsky is baked in vectorised variants")
+    before = mi.variant()
+    mi.set_variant("llvm_ad_rgb")
+    yield
+    if before:
+        mi.set_variant(before)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"turbidity": 100}, r"turbidity=100; accepted: a number in \[1, 10\]\. 3 is"),
+        ({"turbidity": np.nan}, "turbidity=nan; accepted"),
+        ({"turbidity": "clear"}, "turbidity='clear'; accepted"),
+        ({"sun_scal": 2.0}, r"'sun_scal' is unknown; accepted: .*Did you mean 'sun_scale'"),
+        ({"albedo": 2.0}, r"albedo.*must be in \[0, 1\].*; accepted: values that Mitsuba"),
+        ({"sun_scale": np.nan}, "sun_scale=nan; accepted: finite"),
+        ({"sun_aperture": "wide"}, r"sun_aperture.*; accepted: values that Mitsuba"),
+        ({"width": 16.0}, r"width=16\.0, oversampling=4; accepted: an even integer width"),
+        ({"width": 15}, "width=15, oversampling=4; accepted"),
+        ({"oversampling": 0}, "width=16, oversampling=0; accepted"),
+        ({"oversampling": 1.5}, r"oversampling=1\.5; accepted"),
+    ],
+)
+def test_options_of_sunsky_that_are_refused(
+    vectorised: None, options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        sunsky(**{"width": 16, **options})
+
+
+def test_options_of_sunsky(vectorised: None) -> None:
+    brighter = sunsky(16, sky_scale=2.0, sun_scale=2.0)
+    np.testing.assert_allclose(brighter.radiance, 2.0 * sunsky(16).radiance, rtol=1e-4)
+    hazy, clear = sunsky(16, turbidity=10), sunsky(16, turbidity=np.float32(2.0), complex_sun=True)
+    assert total(clear)[0] > total(hazy)[0]
+    # a single direction in a texel of the zenith is the zenith
+    coarse = sunsky(32, sun_direction=(1.0, 0.5, 0.0), oversampling=1).radiance[0]
+    np.testing.assert_allclose(coarse, np.tile(coarse[0], (32, 1)), rtol=1e-3)
+    assert np.all(coarse > 0.0)
+
+
+@pytest.mark.parametrize("width", [8.0, "8", True, 2, 7, 10**6, [8]])
+def test_widths_that_are_refused(width: Any) -> None:
+    city(8)  # 8.0 is not taken for it
+    with pytest.raises(InputError, match=r"width=.*accepted: an even integer width"):
+        city(width)
+    if width != 10**6:  # which means no change
+        with pytest.raises(InputError, match=r"width=.*accepted: an even integer ≥ 4"):
+            random_map().resized(width)
+
+
+@pytest.mark.parametrize(
+    "size", [(1,), (3,), (0,), (8.0,), ("8",), (8, 1), (0, 4), (8, 4.0), (-4, -2)]
+)
+def test_sizes_of_directions_that_are_refused(size: tuple[Any, ...]) -> None:
+    with pytest.raises(InputError, match=r"width=.*accepted: an integer width ≥ 1 and height ≥ 2"):
+        texel_directions(*size)
+
+
+def test_smallest_directions() -> None:
+    np.testing.assert_allclose(texel_directions(1, 2)[:, 0], [[0, 1, 0], [0, -1, 0]], atol=1e-15)
+    assert texel_directions(np.int64(4)).shape == (2, 4, 3)
+
+
+@pytest.mark.parametrize("columns", [1.0, 0.5, "1", None])
+def test_turns_that_are_refused(columns: Any) -> None:
+    with pytest.raises(InputError, match=r"columns=.*accepted: an integer"):
+        random_map().turned(columns)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -146,7 +148,7 @@ def test_progress_is_told() -> None:
     assert steps == [0.25, 0.5, 0.75, 1.0]
 
 
-@pytest.mark.parametrize("alpha", [0.0, -0.1, 1.1, np.nan])
+@pytest.mark.parametrize("alpha", [0.0, -0.1, 1.1, np.nan, "rough", None])
 def test_roughness_that_is_refused(alpha: float) -> None:
     with pytest.raises(InputError, match="alpha"):
         blurred(city(16), alpha)
@@ -155,5 +157,97 @@ def test_roughness_that_is_refused(alpha: float) -> None:
 def test_sizes_that_are_refused() -> None:
     with pytest.raises(InputError, match="width=12; accepted: an even divisor of 16"):
         blurred(city(16), 0.5, 12)
-    with pytest.raises(InputError, match="levels=1"):
-        prefilter(city(16), levels=1)
+    with pytest.raises(InputError, match=r"width=8\.0; accepted"):
+        blurred(city(16), 0.5, 8.0)  # type: ignore[arg-type]
+    for levels in (1, 2.5, 3.0, "3", 5000):
+        with pytest.raises(InputError, match=r"levels=.*; accepted: an integer from 2 to 4096"):
+            prefilter(city(16), levels)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"direction": [0.0, 0.0, 0.0]}, "direction=.*not all 0"),
+        ({"direction": [0.0, np.nan, 0.0]}, "direction=.*not all 0"),
+        ({"direction": np.ones((2, 3))}, "direction=.*One direction at a time"),
+        ({"direction": [0.0, 1.0]}, r"direction: .* shape \(2,\); accepted"),
+        ({"alpha": np.nan}, "alpha=nan; accepted"),
+        ({"alpha": 2.0}, r"alpha=2\.0; accepted"),
+        ({"samples": 0}, "samples=0; accepted: an integer"),
+        ({"samples": 8.0}, r"samples=8\.0; accepted: an integer"),
+    ],
+)
+def test_estimates_that_are_refused(change: dict[str, Any], message: str) -> None:
+    good: dict[str, Any] = {"direction": [0.0, 1.0, 0.0], "alpha": 0.3, "samples": 8}
+    with pytest.raises(InputError, match=message):
+        split_light(city(16), **{**good, **change})
+
+
+@pytest.mark.parametrize("backend", AD_BACKENDS)
+@pytest.mark.parametrize(("alpha", "step"), [(0.0, 1e-10), (1e-9, 1e-10), (1e-4, 1e-7)])
+def test_derivative_where_the_axis_is_steep(backend: str, alpha: float, step: float) -> None:
+    import drjit as dr
+
+    kind = float_type(backend, "float64")
+    levels = prefilter(city(32), levels=4)
+    directions = random_directions(20).astype(np.float64)
+    vector = [kind(np.ascontiguousarray(c)) for c in directions.T]
+    roughness = dr.full(kind, alpha, 20)
+    dr.enable_grad(roughness)
+    dr.backward(dr.sum(levels.lookup(vector, roughness)[1]))
+    ends = (levels.lookup(directions, a)[:, 1] for a in (alpha + step, alpha))
+    slope = np.subtract(*ends) / step
+    assert np.abs(slope).max() > 1.0  # the light's part is not lost
+    # the root has a curvature: a step of 1e-3 of alpha errs by a quarter of that
+    np.testing.assert_allclose(np.array(dr.grad(roughness)), slope, rtol=1e-3, atol=1e-4)
+
+
+def test_what_is_no_number_gives_none() -> None:
+    levels = prefilter(city(16), levels=3)
+    good = [0.0, 0.6, 0.8]
+    assert np.isnan(levels.lookup(good, np.nan)).all()
+    for i in range(3):
+        bad = np.array([good, good])
+        bad[0, i] = np.nan
+        for found in (levels.lookup(bad, [0.3, 0.3]), city(16).lookup(bad)):
+            assert np.isnan(found[0]).all()
+            assert np.isfinite(found[1]).all()
+    assert np.isnan(levels.lookup([0.0, 0.0, 0.0], 0.3)).all()
+    assert np.isnan(levels.lookup([0.0, np.inf, 0.0], 0.3)).all()
+    for pole in (1.0, -1.0):
+        assert np.isfinite(levels.lookup([0.0, pole, 0.0], 0.3)).all()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_what_is_no_number_gives_none_with_drjit(backend: str) -> None:
+    kind = float_type(backend)
+    levels = prefilter(city(16), levels=3)
+    good = [kind(0.0), kind(0.6), kind(0.8)]
+    assert all(np.isnan(np.array(c)).all() for c in levels.lookup(good, kind(np.nan)))
+    assert all(np.isfinite(np.array(c)).all() for c in levels.lookup(good, 0.3))
+    for i in range(3):
+        bad = [kind(np.nan) if i == j else c for j, c in enumerate(good)]
+        for found in (levels.lookup(bad, 0.3), city(16).lookup(bad)):
+            assert all(np.isnan(np.array(c)).all() for c in found)
+
+
+def test_directions_that_are_refused() -> None:
+    levels = prefilter(city(16), levels=2)
+    for bad in ([1.0, 2.0], np.ones((3, 2)), "up", 1.0, [1j, 0.0, 0.0]):
+        with pytest.raises(InputError, match=r"direction.*accepted: a real array \(\.\.\., 3\)"):
+            levels.lookup(bad, 0.3)
+
+
+def test_drjit_directions_that_are_refused() -> None:
+    kind = float_type("llvm")
+    levels = prefilter(city(16), levels=2)
+    with pytest.raises(InputError, match=r"direction of 2 Dr\.Jit arrays; accepted"):
+        levels.lookup([kind(0.0), kind(1.0)], 0.3)
+    import drjit as dr
+
+    with pytest.raises(InputError, match="direction of Int, Int, Int; accepted"):
+        levels.lookup([dr.int32_array_t(kind)(1)] * 3, 0.3)
+    with pytest.raises(InputError, match=r"tensor of shape \(2, 3\); accepted"):
+        levels.lookup(dr.tensor_t(kind)(np.ones((2, 3), np.float32)), 0.3)
+    with pytest.raises(InputError, match=r"a NumPy array together with a Dr\.Jit array"):
+        levels.lookup([kind(0.0), kind(1.0), kind(0.0)], np.ones(2))

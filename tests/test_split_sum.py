@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from backends import AD_BACKENDS, float_type
+from backends import AD_BACKENDS, BACKENDS, float_type
 from fresnel_decomp import doctor
 from fresnel_decomp._check import InputError
 from fresnel_decomp.albedo import directional_albedo
@@ -24,6 +24,7 @@ from fresnel_decomp.mitsuba.split_sum import (
     integrated_albedo,
     render_split_sum,
     schlick_albedo,
+    schlick_table,
     shade,
     visible_surface,
 )
@@ -155,6 +156,86 @@ def test_below_the_surface_is_dark(table: AlbedoTable) -> None:
     assert np.all(shade(light, albedo, [0.0, 1.0, 0.0], [0.6, -0.8, 0.0], 0.3) == 0.0)
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_kinds_may_be_mixed_with_three_numbers(backend: str) -> None:
+    kind = float_type(backend)
+    light = prefilter(city(32), levels=4)
+    albedo = schlick_albedo([0.9, 0.6, 0.3])
+    normal, view = [0, 0, 1], [0.0, 0.6, 0.8]
+    expected = shade(light, albedo, normal, view, 0.3)
+    many = [[kind(float(c)) for c in v] for v in (normal, view)]
+    for arguments in (
+        (normal, many[1], 0.3),
+        (many[0], view, 0.3),
+        (np.array(normal), many[1], kind(0.3)),
+        (normal, view, kind(0.3)),
+        ([0.0, 0.0, kind(1.0)], view, 0.3),
+    ):
+        found = shade(light, albedo, *arguments)
+        assert isinstance(found, tuple)
+        np.testing.assert_allclose([np.array(c).item() for c in found], expected, rtol=1e-4)
+    with pytest.raises(InputError, match=r"normal: a NumPy array of shape \(4, 3\) together"):
+        shade(light, albedo, np.ones((4, 3)), many[1], 0.3)
+    with pytest.raises(InputError, match=r"a NumPy array together with a Dr\.Jit array"):
+        shade(light, albedo, *many, np.full(3, 0.3))
+    rows = SplitAlbedo(schlick_table(), [[kind(0.5)] * 3] * 3)
+    with pytest.raises(InputError, match=r"Dr\.Jit coefficients together with"):
+        shade(light, rows, normal, view, 0.3)
+
+
+@pytest.mark.parametrize("name", ["normal", "view"])
+def test_vectors_that_are_refused(name: str) -> None:
+    light = prefilter(city(16), levels=2)
+    vectors = {"normal": [0.0, 0.0, 1.0], "view": [0.0, 0.0, 1.0], name: [0.0, 1.0]}
+    with pytest.raises(InputError, match=rf"{name}: .* shape \(2,\); accepted: .*last axis"):
+        shade(light, schlick_albedo([0.5] * 3), **vectors, alpha=0.3)
+
+
+@pytest.mark.parametrize("place", ["normal", "view", "alpha"])
+def test_what_is_no_number_gives_none(place: str) -> None:
+    """As in tables, and not the black of a viewer below the surface."""
+    kind = float_type("llvm")
+    light, albedo = prefilter(city(16), levels=3), schlick_albedo([0.9, 0.6, 0.3])
+    good = {"normal": [0.0, 0.0, 1.0], "view": [0.0, 0.6, 0.8], "alpha": 0.3}
+    bad = {**good, place: np.nan if place == "alpha" else [0.0, np.nan, 0.8]}
+    assert np.isnan(shade(light, albedo, **bad)).all()
+    bad["view"] = [kind(c) for c in bad["view"]]
+    assert all(np.isnan(np.array(c)).all() for c in shade(light, albedo, **bad))
+
+
+@pytest.mark.parametrize("backend", AD_BACKENDS)
+@pytest.mark.parametrize(("alpha", "step"), [(0.0, 1e-10), (1e-4, 1e-8), (1.0, -1e-5)])
+def test_gradient_in_roughness(backend: str, alpha: float, step: float) -> None:
+    """Also at the ends, where the light and the table have to agree on what the slope is."""
+    import drjit as dr
+
+    kind = float_type(backend, "float64")
+    light, albedo = prefilter(city(32), levels=4), schlick_albedo([0.9, 0.6, 0.3])
+    normal, view = views(20)
+    vectors = [[kind(np.ascontiguousarray(c)) for c in v.T] for v in (normal, view)]
+    roughness = dr.full(kind, alpha, len(normal))
+    dr.enable_grad(roughness)
+    dr.backward(dr.sum(shade(light, albedo, *vectors, roughness)[1]))
+    ends = (shade(light, albedo, normal, view, a)[:, 1] for a in (alpha + step, alpha))
+    slope = np.subtract(*ends) / step
+    np.testing.assert_allclose(np.array(dr.grad(roughness)), slope, rtol=2e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize("backend", AD_BACKENDS)
+def test_gradient_seen_from_above(backend: str) -> None:
+    """At n·v = 1 the clamp passes derivatives: that of the albedo in the cosine is there."""
+    import drjit as dr
+
+    kind = float_type(backend, "float64")
+    light = prefilter(Environment(np.ones((8, 16, 3))), levels=3)
+    albedo = schlick_albedo([0.1, 0.1, 0.1])
+    x, z = kind(0.0), kind(1.0)
+    dr.enable_grad(z)
+    dr.backward(shade(light, albedo, [x, x, z], [0.0, 0.0, 1.0], 0.5)[1])
+    slope = (albedo(1.0, 0.5) - albedo(1.0 - 1e-5, 0.5)) / 1e-5
+    assert dr.grad(z)[0] == pytest.approx(slope[1], rel=1e-3)
+
+
 @pytest.mark.parametrize("shape", ["sphere", "shader-ball"])
 def test_pictures_are_where_mitsuba_paints_them(vectorised: None, shape: str) -> None:
     """Nearly a mirror in smooth light: both methods give one picture, up to noise."""
@@ -283,5 +364,27 @@ def test_input_that_is_refused(table: AlbedoTable, vectorised: None) -> None:
     scene = mi.load_dict(lit_object({"type": "diffuse"}, city(16).emitter(), 8))
     with pytest.raises(InputError, match="spp=12; accepted: a square number"):
         visible_surface(scene, 12)
+    for spp in (0, -4, 4.0, "4"):
+        with pytest.raises(InputError, match=r"spp=.*; accepted: a square number"):
+            visible_surface(scene, spp)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="seed=-1; accepted: an integer"):
+        visible_surface(scene, 4, seed=-1)
+    blind = mi.load_dict({"type": "scene", "object": {"type": "sphere"}})
+    with pytest.raises(InputError, match=r"a scene without a sensor; accepted: .*Add a"):
+        visible_surface(blind, 4)
+    for f0 in ([0.5, 0.5], [0.5, np.nan, 0.5], "gold"):
+        with pytest.raises(InputError, match=r"f0.*accepted: three finite numbers, or one"):
+            schlick_albedo(f0)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"f82.*accepted: three finite numbers"):
+        f82_albedo([0.5] * 3, [0.5, 0.5])
+    with pytest.raises(InputError, match="accepted: 3 channels with 4 terms"):
+        schlick_albedo([0.5] * 3, table)  # four terms, not three
+    for alpha in (-0.1, np.nan, "rough"):
+        with pytest.raises(InputError, match=r"alpha=.*accepted: a finite number"):
+            integrated_albedo(Exact(ETA, K), alpha)  # type: ignore[arg-type]
+        with pytest.raises(InputError, match=r"alpha=.*accepted: a number in"):
+            SplitMaterial(schlick_albedo([0.5] * 3), alpha)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"size=.*accepted: an int"):
+        schlick_table(16.0)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="shape='cube' is unknown"):
         lit_object({"type": "diffuse"}, city(16).emitter(), 8, shape="cube")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import importlib
 import json
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +16,8 @@ import pytest
 
 from fresnel_decomp import doctor
 from test_figures import MODULES, SCRIPTS
+
+FIGURES = SCRIPTS.parent / "docs" / "figures"
 
 
 @pytest.fixture
@@ -51,6 +55,72 @@ def test_scenes_have_names_of_their_own(study: Any) -> None:
     module = sys.modules["_split_sum"]
     stems = [scene.stem for scene in (*module.SPHERES, *module.BALLS)]
     assert len(set(stems)) == len(stems) == 22
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        header, *rows = csv.reader(file)
+    places = (
+        ["first", "second", "third", *header[3:]] if header[1] == "" else ["first", *header[1:]]
+    )
+    return [dict(zip(places, row, strict=True)) for row in rows]
+
+
+GROUPS = {
+    "metals": ("Beryllium", "Gold", "Aluminium", "Copper"),
+    "beryllium": ("Beryllium",),
+    "copper": ("Copper",),
+    "plastic": ("Plastic, η = 1.5",),
+    "edge tint": ("Edge tint",),
+    "spheres": ("Beryllium", "Gold", "Aluminium", "Copper", "Plastic, η = 1.5", "Edge tint"),
+    "shader balls": tuple(f"{m}, shader-ball, {light}" for m in ("Gold", "Edge tint")
+                          for light in ("city", "sunsky")),
+}  # fmt: skip
+SOURCES = {
+    "(i) Fresnel term alone": ("fresnel", None),
+    "(ii) table alone": ("table", "table alone"),
+    "(ii) against exact F̄": ("table", None),
+    "(iii) split-sum": ("reference", None),
+    "(iii) noise of the reference": ("reference", "noise"),
+}
+
+
+def test_summary_is_that_of_the_tables() -> None:
+    """Least and largest of the cells of the tables beside it, as they are written there."""
+    rows = [
+        row
+        for row in read_rows(FIGURES / "split_sum_summary.csv")
+        if not row["first"].startswith("light term")
+    ]
+    assert {row["first"] for row in rows} == set(SOURCES)
+    for row in rows:
+        name, column = SOURCES[row["first"]]
+        table = read_rows(FIGURES / f"split_sum_{name}.csv")
+        members = [r for r in table if r["first"] in GROUPS[row["second"]]]
+        assert len(members) == 4 if row["second"] == "shader balls" else len(members) % 3 == 0
+        measure = {"NRMSE, %": 0, "ΔE00": 1}[row["third"]]
+        cells = {k: v for k, v in row.items() if k not in ("first", "second", "third") and v}
+        assert len(cells) == 1 or column is None
+        for model, cell in cells.items():
+            values = [r[column or model].split(" · ")[measure] for r in members]
+            assert cell == f"{min(values, key=float)}–{max(values, key=float)}", (row, model)
+
+
+def test_page_quotes_the_summary() -> None:
+    text = (FIGURES.parent / "split_sum.md").read_text(encoding="utf-8")
+    section = text.partition("## What the table improves, and what not")[2]
+    section = section.partition("```\n\n-")[2].replace("ΔE00", "ΔE").replace("F82", "F")
+    summary = read_rows(FIGURES / "split_sum_summary.csv")
+    cells = {cell for row in summary for cell in row.values()}
+    quoted = re.findall(r"[\d.]*\d(?:–[\d.]*\d)?", section)
+    ranges = [number for number in quoted if "–" in number]
+    assert len(ranges) > 20
+    assert set(ranges) <= cells
+    light = {row["second"].removeprefix("α = "): row["exact F̄"]
+             for row in summary if row["third"] == "RMS, %"}  # fmt: skip
+    rest = {number for number in quoted if "–" not in number}
+    assert rest == {"48", *light, *light.values()}
+    assert any("48 directions" in row["first"] for row in summary)
 
 
 @pytest.mark.slow

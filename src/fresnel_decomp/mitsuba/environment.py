@@ -19,13 +19,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._array import drjit_module, is_drjit
-from .._check import input_error
+from .._array import drjit_module, is_drjit, one_kind
+from .._check import InputError, choose, input_error, is_real, is_whole
 
 __all__ = ["Environment", "city", "sunsky", "texel_directions"]
 
 _SUFFIXES = (".exr", ".hdr")
 _LARGEST = 16384  # columns
+_ANY = 10**9  # columns to turn by
+_SUNSKY_OPTIONS = ("albedo", "sun_scale", "sky_scale", "sun_aperture", "complex_sun")
 
 
 def texel_directions(width: int, height: int | None = None) -> NDArray[np.float64]:
@@ -34,13 +36,31 @@ def texel_directions(width: int, height: int | None = None) -> NDArray[np.float6
     Parameters
     ----------
     width, height : int
-        Columns and rows, half as many if not given.
+        Columns and rows, half as many if not given. There are two rows at least: the poles.
 
     Returns
     -------
     (height, width, 3) float64 array
+
+    Raises
+    ------
+    InputError
+        For sizes that are no integers, or smaller.
+
+    Examples
+    --------
+    >>> texel_directions(8).shape
+    (4, 8, 3)
     """
-    height = width // 2 if height is None else height
+    given = f"width={width!r}" if height is None else f"width={width!r}, height={height!r}"
+    height = width // 2 if height is None and is_whole(width, 1) else height
+    if not is_whole(width, 1) or not is_whole(height, 2):
+        raise input_error(
+            given,
+            "an integer width ≥ 1 and height ≥ 2, or a width ≥ 4 alone",
+            "Rows are half as many as columns if their number is not given.",
+        )
+    assert height is not None
     polar = np.linspace(0.0, np.pi, height)[:, None]
     turn = 2.0 * np.pi * (np.arange(width) + 0.5) / width
     return _direction(polar, turn)
@@ -136,8 +156,16 @@ class Environment:
         return environment if width is None else environment.resized(width)
 
     def emitter(self) -> dict[str, Any]:
-        """The dictionary of Mitsuba's `envmap` that emits this light."""
+        """The dictionary of Mitsuba's `envmap` that emits this light.
+
+        Raises
+        ------
+        InputError
+            If no variant is set.
+        """
         import mitsuba as mi
+
+        _require_variant()
 
         bitmap = mi.Bitmap(np.array(self.radiance), pixel_format=mi.Bitmap.PixelFormat.RGB)
         return {"type": "envmap", "bitmap": bitmap}
@@ -152,7 +180,12 @@ class Environment:
 
         Returns
         -------
-        (..., 3) float array, or a tuple of three Dr.Jit arrays
+        (..., 3) float array, or a tuple of three Dr.Jit arrays; NaN where the direction is.
+
+        Raises
+        ------
+        InputError
+            For directions without three components.
         """
         shape = (self.height, self.width)
         direction = as_vector(direction)
@@ -174,9 +207,26 @@ class Environment:
         ----------
         width : int
             Columns, even, at least 4. Maps are not enlarged: a width above the map's is ignored.
+
+        Returns
+        -------
+        Environment
+            This one if it is small enough.
+
+        Raises
+        ------
+        InputError
+            For another width.
+
+        Examples
+        --------
+        >>> city(64).resized(32).radiance.shape
+        (16, 32, 3)
         """
-        if width < 4 or width % 2:
-            raise input_error(f"width={width}", "an even integer ≥ 4", "512 is enough for shading.")
+        if not is_whole(width, 4) or width % 2:
+            raise input_error(
+                f"width={width!r}", "an even integer ≥ 4", "512 is enough for shading."
+            )
         if width >= self.width:
             return self
         height = width // 2
@@ -189,7 +239,32 @@ class Environment:
         return Environment(np.einsum("lk,ikc->ilc", columns, smaller, optimize=True), self.name)
 
     def turned(self, columns: int) -> Environment:
-        """The same light turned about the y axis by whole columns, to the right in the map."""
+        """The same light turned about the y axis by whole columns, to the right in the map.
+
+        Parameters
+        ----------
+        columns : int
+            Of either sign; the angle is 2π columns / width.
+
+        Returns
+        -------
+        Environment
+
+        Raises
+        ------
+        InputError
+            If it is no integer.
+
+        Examples
+        --------
+        >>> light = city(64)
+        >>> bool((light.turned(64).radiance == light.radiance).all())
+        True
+        """
+        if not is_whole(columns, -_ANY, _ANY):
+            raise input_error(
+                f"columns={columns!r}", "an integer", "round(angle / (2 π) · width) is one."
+            )
         return Environment(np.roll(self.radiance, columns, axis=1), self.name)
 
 
@@ -207,23 +282,91 @@ def _hats(
     return np.maximum(1.0 - distance / (coarse[1] - coarse[0]), 0.0)
 
 
-def as_vector(value: Any) -> Any:
+def as_vector(value: Any, name: str = "direction") -> Any:
     """A tuple of three Dr.Jit arrays, if `value` consists of them, else a NumPy array (..., 3).
 
-    Vectors of Mitsuba's scalar variants consist of Python floats.
+    Vectors of Mitsuba's scalar variants consist of Python floats. Numbers beside Dr.Jit arrays
+    become arrays as well.
+
+    Raises
+    ------
+    InputError
+        For other numbers of components, tensors, and NumPy arrays beside Dr.Jit arrays.
     """
+    dr = drjit_module()
+    if is_drjit(value) and dr is not None and dr.is_tensor_v(value):
+        raise _no_vector(f"{name}: a tensor of shape {tuple(value.shape)}")
     if is_drjit(value) or (isinstance(value, tuple | list) and is_drjit(*value)):
-        components = tuple(value[i] for i in range(3))
+        components = [value[i] for i in range(len(value))]
         if is_drjit(*components):
-            return components
-    return np.asarray(value)
+            assert dr is not None
+            if len(components) != 3:
+                raise _no_vector(f"{name} of {len(components)} Dr.Jit arrays")
+            arrays = [c for c in components if is_drjit(c)]
+            if not all(dr.depth_v(c) == 1 and dr.is_float_v(c) for c in arrays):
+                raise _no_vector(f"{name} of {', '.join(type(c).__name__ for c in arrays)}")
+            kind = type(sum(0.0 * c for c in arrays))
+            return tuple(of_kind(kind, c) for c in one_kind(*components))
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiu" or array.ndim == 0 or array.shape[-1] != 3:
+        raise _no_vector(f"{name}: {array.dtype} array of shape {array.shape}")
+    return array
+
+
+def _no_vector(given: str) -> InputError:
+    return input_error(
+        given,
+        "a real array (..., 3), or three Dr.Jit arrays such as mi.Vector3f has",
+        "Components are on the last axis of NumPy arrays; np.stack([x, y, z], axis=-1) joins them.",
+    )
+
+
+def as_vectors(*beside: Any, **named: Any) -> list[Any]:
+    """Vectors as `as_vector` returns them, all of one kind: that of Dr.Jit if any argument is.
+
+    Parameters
+    ----------
+    *beside
+        Numbers that are used together with them.
+    **named
+        Vectors; three numbers fit to Dr.Jit arrays, NumPy arrays of many vectors do not.
+
+    Raises
+    ------
+    InputError
+        For what is no vector, and for arrays of NumPy together with Dr.Jit's.
+    """
+    vectors = {name: as_vector(value, name) for name, value in named.items()}
+    arrays = [v for v in vectors.values() if isinstance(v, tuple)]
+    if not arrays and not is_drjit(*beside):
+        return list(vectors.values())
+    for name, vector in vectors.items():
+        if not isinstance(vector, tuple) and vector.ndim != 1:
+            raise input_error(
+                f"{name}: a NumPy array of shape {vector.shape} together with Dr.Jit arrays",
+                "arrays of one kind, and three numbers",
+                f"Convert first, e.g. mi.Vector3f({name}.T).",
+            )
+    one_kind(*beside, *(array for vector in arrays for array in vector))
+    parts = [value for value in beside if is_drjit(value)] + [v[0] for v in arrays]
+    kind = type(sum(0.0 * part for part in parts))
+    return [tuple(of_kind(kind, c) for c in vector) for vector in vectors.values()]
+
+
+def of_kind(kind: Any, value: Any) -> Any:
+    """A number as a Dr.Jit array, and no part of the kernel: the next one needs no new kernel."""
+    if is_drjit(value):
+        return value
+    dr = drjit_module()
+    assert dr is not None
+    return dr.opaque(kind, float(value)) if dr.is_jit_v(kind) else kind(float(value))
 
 
 def fetch(data: Any, offset: Any, height: Any, width: Any, x: Any, y: Any, z: Any) -> Any:
     """Bilinear lookup in a map of height times width texels that starts at texel `offset` of data.
 
     NumPy or Dr.Jit: data is flat with the three channels of a texel together; offset, height and
-    width are integers or arrays of them. Returns a tuple of three arrays.
+    width are integers or arrays of them. Returns a tuple of three arrays, NaN where x, y or z is.
     """
     dr = drjit_module()
     if is_drjit(x, y, z):
@@ -231,17 +374,22 @@ def fetch(data: Any, offset: Any, height: Any, width: Any, x: Any, y: Any, z: An
         number: Any = type(x)
         index: Any = dr.int32_array_t(number)
         atan2, floor, clip, sqrt = dr.atan2, dr.floor, dr.clip, dr.sqrt
+        select = dr.select
     else:
         index, number = (lambda v: np.asarray(v).astype(np.int64)), np.asarray
         atan2, floor, clip, sqrt = np.arctan2, np.floor, np.clip, np.sqrt
+        select = np.where
     turn = atan2(x, -z) * (0.5 / np.pi)
     # not acos(y), which has neither digits nor a derivative near the poles
     polar = atan2(sqrt(x * x + z * z), y) * (1.0 / np.pi)
     column = (turn - floor(turn)) * number(width) - 0.5
     row = polar * number(height - 1)
-    left = floor(column)
-    top = clip(floor(row), 0, number(height - 2))
-    s, t = column - left, row - top
+    # what is no direction has no texel, and reads some that exists
+    length = x * x + y * y + z * z
+    known = (length > 0.0) & (length < np.inf) & (column == column) & (row == row)
+    left = select(known, floor(column), 0.0)
+    top = select(known, clip(floor(row), 0, number(height - 2)), 0.0)
+    s, t = select(known, column - left, np.nan), row - top
     first = index(left)
     first = _select(dr, first < 0, first + width, first)
     second = _select(dr, first + 1 >= width, first + 1 - width, first + 1)
@@ -325,19 +473,26 @@ def sunsky(
     Parameters
     ----------
     width : int
-        Columns, even, at least 4.
+        Columns, even, 4 to 16,384.
     sun_direction : (3,) float
         Towards the sun, y up; above the horizon.
     turbidity : float in [1, 10]
     oversampling : int, ≥ 1
         Directions along each side of a texel.
     **parameters
-        Others of the emitter: `albedo`, `sun_scale`, `sky_scale`, `sun_aperture`.
+        Others of the emitter: `albedo`, `sun_scale`, `sky_scale`, `sun_aperture`, `complex_sun`.
+
+    Returns
+    -------
+    Environment
+        Called "sunsky".
 
     Raises
     ------
     InputError
-        In scalar variants, which would need minutes, and for a sun below the horizon.
+        In scalar variants, which would need minutes; for a sun below the horizon, other sizes and
+        other turbidities; and for parameters that the emitter does not have, or values that it
+        refuses.
     """
     import drjit as dr
     import mitsuba as mi
@@ -351,15 +506,31 @@ def sunsky(
             "y is up: (0, 1, 0) is a sun in the zenith.",
         )
     _check_size(width, oversampling)
-    emitter = mi.load_dict(
-        {
-            "type": "sunsky",
-            "sun_direction": sun.tolist(),  # in the world's frame
-            "to_world": mi.ScalarTransform4f().rotate([1, 0, 0], -90.0),  # z is up in its own
-            "turbidity": float(turbidity),
-            **parameters,
-        }
-    )
+    if not is_real(turbidity, 1.0, 10.0):
+        raise input_error(
+            f"turbidity={turbidity!r}",
+            "a number in [1, 10]",
+            "3 is the default; haze grows with it.",
+        )
+    for name, value in parameters.items():
+        choose("parameter of sunsky", name, _SUNSKY_OPTIONS)
+        if isinstance(value, float) and not math.isfinite(value):  # taken without a word
+            raise input_error(f"{name}={value}", "finite values", "Leave it out for the default.")
+    description = {
+        "type": "sunsky",
+        "sun_direction": sun.tolist(),  # in the world's frame
+        "to_world": mi.ScalarTransform4f().rotate([1, 0, 0], -90.0),  # z is up in its own
+        "turbidity": float(turbidity),
+        **parameters,
+    }
+    try:
+        emitter = mi.load_dict(description)
+    except RuntimeError as error:
+        raise input_error(
+            f"parameters of sunsky {parameters} ({' '.join(str(error).split())})",
+            "values that Mitsuba's emitter takes",
+            "Leave out what you do not mean to change.",
+        ) from error
 
     def radiance(directions: NDArray[np.float64]) -> NDArray[np.float64]:
         towards = directions.reshape(-1, 3).astype(np.float32).T
@@ -379,10 +550,10 @@ def sunsky(
 
 
 def _check_size(width: int, oversampling: int) -> None:
-    if width < 4 or width % 2 or oversampling < 1:
+    if not is_whole(width, 4, _LARGEST) or width % 2 or not is_whole(oversampling, 1):
         raise input_error(
-            f"width={width}, oversampling={oversampling}",
-            "an even width ≥ 4 and oversampling ≥ 1",
+            f"width={width!r}, oversampling={oversampling!r}",
+            f"an even integer width from 4 to {_LARGEST} and an integer oversampling ≥ 1",
             "512 and 4 are enough for shading.",
         )
 
@@ -406,7 +577,7 @@ def _averaged(
         # beyond a pole the texel's area is on the other side of it: mirrored
         polar = np.abs(np.pi * (rows + dy) / (height - 1))
         polar = np.where(polar > np.pi, 2.0 * np.pi - polar, polar)[:, None]
-        share = np.sin(polar)
+        share = np.maximum(np.sin(polar), 1e-12)  # a single direction may be the pole
         turn = 2.0 * np.pi * (columns[:, None] + 0.5 + offsets) / width
         total += share * radiance(_direction(polar, turn)).mean(axis=1)
         weight += share
@@ -417,7 +588,6 @@ def _averaged(
 # --- a city made up ------------------------------------------------------------------------------
 
 
-@functools.lru_cache(maxsize=4)
 def city(width: int = 512) -> Environment:
     """A square between houses in the late afternoon, made of nothing but numbers.
 
@@ -429,7 +599,17 @@ def city(width: int = 512) -> Environment:
     Parameters
     ----------
     width : int
-        Columns, even, at least 4.
+        Columns, even, 4 to 16,384.
+
+    Returns
+    -------
+    Environment
+        Called "city"; the last four widths are kept.
+
+    Raises
+    ------
+    InputError
+        For another width.
 
     Examples
     --------
@@ -438,6 +618,11 @@ def city(width: int = 512) -> Environment:
     (32, 64, 3)
     """
     _check_size(width, 4)
+    return _city(int(width))
+
+
+@functools.lru_cache(maxsize=4)
+def _city(width: int) -> Environment:
     return Environment(_averaged(_city_radiance, width, 4), "city")
 
 

@@ -25,8 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._array import drjit_constant, drjit_module, is_drjit
-from .._check import input_error
-from .environment import Environment, as_vector, fetch, row_weights
+from .._check import input_error, is_real, is_whole
+from ..table_layout import Layout
+from .environment import Environment, as_vector, as_vectors, fetch, row_weights
 
 __all__ = ["PrefilteredLight", "prefilter", "split_light"]
 
@@ -68,20 +69,24 @@ class PrefilteredLight:
         direction : (..., 3) float array, or three Dr.Jit arrays, as `mi.Vector3f` has them
             The mirror direction, unit length.
         alpha : (...) float in [0, 1]
-            Roughness; clamped. Between levels it counts by its square root.
+            Roughness; clamped. Between levels it counts by its square root, as in `Layout`.
 
         Returns
         -------
-        (..., 3) float array, or a tuple of three Dr.Jit arrays
+        (..., 3) float array, or a tuple of three Dr.Jit arrays if an argument is one; NaN where the
+        direction or alpha is. Differentiable in both, in alpha also at 0 and 1.
+
+        Raises
+        ------
+        InputError
+            For directions without three components, and for arrays of NumPy together with Dr.Jit's.
         """
-        direction = as_vector(direction)
+        (direction,) = as_vectors(alpha, direction=direction)
         if isinstance(direction, tuple):
             return self._lookup_drjit(direction, alpha)
         data, layout = self._packed
-        last = len(self.levels) - 1
-        alpha = np.asarray(alpha)
-        position = np.sqrt(np.clip(alpha, 0.0, 1.0)) * last
-        lower = np.minimum(position.astype(np.int64), last - 1)
+        position = self._position(np.asarray(alpha))
+        lower = np.minimum(np.nan_to_num(position).astype(np.int64), len(self.levels) - 2)
         t = (position - lower)[..., None]
         xyz = np.moveaxis(direction, -1, 0)
         smooth, rough = (
@@ -89,6 +94,10 @@ class PrefilteredLight:
             for level in (lower, lower + 1)
         )
         return smooth + t * (rough - smooth)
+
+    def _position(self, alpha: Any) -> Any:
+        """Fractional level of alpha, on the axis that tables have too."""
+        return Layout(2, len(self.levels)).texel(0.0, alpha)[1]
 
     @functools.cached_property
     def _packed(self) -> tuple[NDArray[np.float32], tuple[NDArray[np.int64], ...]]:
@@ -114,10 +123,9 @@ class PrefilteredLight:
                 [drjit_constant(index, c) for c in layout],
             )
         texels, tables = self._on_device[kind]
-        last = len(self.levels) - 1
-        alpha = alpha if is_drjit(alpha) else kind(float(alpha))
-        position = dr.sqrt(dr.clip(alpha, 0.0, 1.0)) * last
-        lower = dr.minimum(index(position), last - 1)
+        position = self._position(alpha if is_drjit(alpha) else kind(float(alpha)))
+        known = dr.select(dr.isnan(position), 0.0, dr.detach(position))
+        lower = dr.minimum(index(known), len(self.levels) - 2)
         t = position - kind(lower)
         smooth, rough = (
             fetch(texels, *(dr.gather(index, table, level) for table in tables), *direction)
@@ -137,7 +145,7 @@ def prefilter(
     ----------
     environment : Environment
         512 columns are enough for shading; wider ones take minutes.
-    levels : int, at least 2
+    levels : int, 2 to 4096
         Maps, the environment itself included; uniform in perceptual roughness.
     progress : callable, optional
         Called with the fraction done after each level.
@@ -146,6 +154,11 @@ def prefilter(
     -------
     PrefilteredLight
 
+    Raises
+    ------
+    InputError
+        For another number of levels.
+
     Examples
     --------
     >>> from fresnel_decomp.mitsuba.environment import city
@@ -153,8 +166,10 @@ def prefilter(
     >>> [level.shape for level in light.levels]
     [(16, 32, 3), (16, 32, 3), (16, 32, 3)]
     """
-    if levels < 2:
-        raise input_error(f"levels={levels}", "an integer ≥ 2", f"{LEVELS} are the default.")
+    if not is_whole(levels, 2, 4096):
+        raise input_error(
+            f"levels={levels!r}", "an integer from 2 to 4096", f"{LEVELS} are the default."
+        )
     maps = [environment.radiance]
     for i in range(1, levels):
         alpha = (i / (levels - 1)) ** 2
@@ -178,15 +193,20 @@ def blurred(
     alpha : float in (0, 1]
     width : int
         Columns of the result, an even divisor of the environment's, by default all of them.
+
+    Raises
+    ------
+    InputError
+        For other roughnesses and widths.
     """
     from scipy.fft import dct
 
-    if not 0.0 < alpha <= 1.0:
-        raise input_error(f"alpha={alpha}", "a number in (0, 1]", "At 0 the map is as it is.")
+    if not is_real(alpha, 0.0, 1.0) or alpha == 0.0:
+        raise input_error(f"alpha={alpha!r}", "a number in (0, 1]", "At 0 the map is as it is.")
     width = environment.width if width is None else width
-    if width < 4 or width % 2 or environment.width % width:
+    if not is_whole(width, 4) or width % 2 or environment.width % width:
         raise input_error(
-            f"width={width}",
+            f"width={width!r}",
             f"an even divisor of {environment.width}, at least 4",
             "The environment's own width always works.",
         )
@@ -260,13 +280,50 @@ def _evaluated(half: NDArray[np.complex128], columns: int, width: int) -> NDArra
 def split_light(
     environment: Environment, direction: Sequence[float], alpha: float, samples: int = 2**18
 ) -> NDArray[np.float64]:
-    """(3,) float64: the same light term for one direction by quasi-Monte Carlo.
+    """The same light term for one direction by quasi-Monte Carlo.
 
     An estimator that has nothing in common with `prefilter`, to compare with: Sobol points become
     GGX normals about the direction, mirrored light is weighted by its cosine (Karis 2013).
+
+    Parameters
+    ----------
+    environment : Environment
+    direction : (3,) float
+        The mirror direction, of any length but 0.
+    alpha : float in [0, 1]
+    samples : int, ≥ 1
+        Powers of 2 are best.
+
+    Returns
+    -------
+    (3,) float64 array
+
+    Raises
+    ------
+    InputError
+        For what is no direction, and for other roughnesses and numbers of samples.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fresnel_decomp.mitsuba.environment import Environment
+    >>> uniform = Environment(np.full((4, 8, 3), 0.5))
+    >>> split_light(uniform, [0, 1, 0], alpha=0.3, samples=256).round(6).tolist()
+    [0.5, 0.5, 0.5]
     """
     from scipy.stats import qmc
 
+    towards = as_vector(direction)
+    if isinstance(towards, tuple) or towards.shape != (3,) or not 0.0 < towards @ towards < np.inf:
+        raise input_error(
+            f"direction={' '.join(repr(direction).split())}",
+            "three finite numbers, not all 0",
+            "One direction at a time.",
+        )
+    if not is_real(alpha, 0.0, 1.0):
+        raise input_error(f"alpha={alpha!r}", "a number in [0, 1]", "GGX's roughness.")
+    if not is_whole(samples, 1):
+        raise input_error(f"samples={samples!r}", "an integer ≥ 1", "2**18 is the default.")
     points = qmc.Sobol(2, scramble=True, rng=0).random(samples)
     forward = np.asarray(direction, np.float64)
     forward = forward / np.linalg.norm(forward)

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import functools
 import math
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -29,12 +30,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._array import drjit_module, is_drjit
-from .._check import choose, input_error
+from .._check import choose, input_error, is_real, is_whole
 from .._schlick import bend_factor
 from ..albedo import directional_albedo
 from ..microfacet import Smith
 from ..table import AlbedoTable, Layout
-from .environment import as_vector
+from .environment import as_vectors, of_kind
 from .prefilter import PrefilteredLight
 
 __all__ = [
@@ -63,6 +64,11 @@ class SplitAlbedo:
     coefficients : (3, terms) float, or three sequences of `terms` Dr.Jit arrays
         By channel, as `Basis.coefficients` and `Material.rgb_coefficients` return them.
 
+    Raises
+    ------
+    InputError
+        If they are not for three channels with as many terms as the table has.
+
     Examples
     --------
     >>> from fresnel_decomp import AlbedoTable, load_basis
@@ -87,27 +93,35 @@ class SplitAlbedo:
             )
 
     def __call__(self, mu: Any, alpha: Any) -> Any:
-        """(..., 3) float array, or a tuple of three Dr.Jit arrays."""
+        """(..., 3) float array, or a tuple of three Dr.Jit arrays.
+
+        Parameters
+        ----------
+        mu, alpha : (...) float
+            As for `AlbedoTable.lookup`: clamped to [0, 1], NaN gives NaN.
+
+        Raises
+        ------
+        InputError
+            For Dr.Jit coefficients if neither mu nor alpha is a Dr.Jit array.
+        """
         functions = self.table.lookup(mu, alpha)
         if not is_drjit(mu, alpha):
+            if any(is_drjit(c) for row in self.coefficients for c in row):
+                raise input_error(
+                    "Dr.Jit coefficients together with mu and alpha of NumPy",
+                    "mu or alpha as a Dr.Jit array",
+                    "Convert it first, e.g. mi.Float(mu).",
+                )
             return functions @ np.asarray(self.coefficients, functions.dtype).T
         kind = type(functions[0])
         return tuple(
             sum(
-                (_value(kind, c) * b for c, b in zip(row[1:], functions[1:], strict=True)),
-                _value(kind, row[0]) * functions[0],
+                (of_kind(kind, c) * b for c, b in zip(row[1:], functions[1:], strict=True)),
+                of_kind(kind, row[0]) * functions[0],
             )
             for row in self.coefficients
         )
-
-
-def _value(kind: Any, value: Any) -> Any:
-    """A number that is no part of the kernel, so that the next material needs no new one."""
-    dr = drjit_module()
-    assert dr is not None
-    if is_drjit(value):
-        return value
-    return dr.opaque(kind, float(value)) if dr.is_jit_v(kind) else float(value)
 
 
 def _schlick_functions(cos_theta: np.ndarray) -> np.ndarray:
@@ -115,18 +129,61 @@ def _schlick_functions(cos_theta: np.ndarray) -> np.ndarray:
     return np.stack([1.0 - x**5, x**5, -cos_theta * x**6], axis=-1)
 
 
-@functools.lru_cache(maxsize=4)
+@functools.lru_cache(maxsize=4, typed=True)  # 64 and 64.0 are not the same argument
 def schlick_table(size: int = 64, smith: Smith = "separable") -> AlbedoTable:
     """Karis's table of A and B, with a third function for F82.
 
     Schlick's curve with its correction is F0 (1 - (1 - c)^5) + (1 - c)^5 - a c (1 - c)^6, linear
     in (F0, 1, a), so its albedo is F0 A + B + a C.
+
+    Parameters
+    ----------
+    size : int or (width, height)
+    smith : {"separable", "correlated"}
+
+    Returns
+    -------
+    AlbedoTable
+        Of three terms: A, B and C. The last four are kept.
+
+    Raises
+    ------
+    InputError
+        For other sizes and conventions.
+
+    Examples
+    --------
+    >>> schlick_table(16).values.shape
+    (16, 16, 3)
     """
     return AlbedoTable.bake(_schlick_functions, size, smith)
 
 
 def schlick_albedo(f0: ArrayLike, table: AlbedoTable | None = None) -> SplitAlbedo:
-    """F0 A + B (Karis 2013) for (3,) reflectances at normal incidence; see `schlick_table`."""
+    """Albedo of Schlick's curve, F0 A + B (Karis 2013).
+
+    Parameters
+    ----------
+    f0 : (3,) float, or one for all channels
+        Reflectances at normal incidence.
+    table : AlbedoTable, optional
+        Of `schlick_table`; the default one if none is given.
+
+    Returns
+    -------
+    SplitAlbedo
+
+    Raises
+    ------
+    InputError
+        For other shapes, values that are not finite, and tables of other than three terms.
+
+    Examples
+    --------
+    >>> gold = schlick_albedo([1.0, 0.78, 0.34])
+    >>> gold(1.0, 0.0).round(2).tolist()
+    [1.0, 0.78, 0.34]
+    """
     return f82_albedo(f0, None, table)
 
 
@@ -141,10 +198,32 @@ def f82_albedo(
         Reflectances at normal incidence and at cos = 1/7; None for Schlick's curve as it is.
     table : AlbedoTable, optional
         Of `schlick_table`; the default one if none is given.
+
+    Returns
+    -------
+    SplitAlbedo
+
+    Raises
+    ------
+    InputError
+        For other shapes, values that are not finite, and tables of other than three terms.
     """
-    f0 = np.broadcast_to(np.asarray(f0, np.float64), 3)
-    bend = np.zeros(3) if f82 is None else bend_factor(f0, np.asarray(f82, np.float64))
+    f0 = _three("f0", f0)
+    bend = np.zeros(3) if f82 is None else bend_factor(f0, _three("f82", f82))
     return SplitAlbedo(table or schlick_table(), np.stack([f0, np.ones(3), bend], axis=-1))
+
+
+def _three(name: str, value: ArrayLike) -> np.ndarray:
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiu" or array.shape not in ((), (1,), (3,)):
+        given = f"{name}: {array.dtype} array of shape {array.shape}"
+    elif not np.isfinite(array).all():
+        given = f"{name}={array.tolist()}"
+    else:
+        return np.broadcast_to(array.astype(np.float64), 3)
+    raise input_error(
+        given, "three finite numbers, or one", "Reflectances of linear red, green and blue."
+    )
 
 
 def integrated_albedo(
@@ -156,9 +235,23 @@ def integrated_albedo(
     ----------
     curve : callable from (..., 1) cosines to (..., 3) reflectances
         Such as `Exact(eta, k)` with (3,) indices.
-    alpha : float >= 0
+    alpha : float ≥ 0
         The result is for this roughness, whatever it is called with.
+    smith : {"separable", "correlated"}
+
+    Returns
+    -------
+    SplitAlbedo
+
+    Raises
+    ------
+    InputError
+        For other roughnesses and conventions.
     """
+    if not is_real(alpha, 0.0, sys.float_info.max):
+        raise input_error(
+            f"alpha={alpha!r}", "a finite number ≥ 0", "It is the square of the perceptual."
+        )
     root = np.linspace(0.0, 1.0, _COSINES)
     values = directional_albedo(
         lambda cos_theta: curve(cos_theta[..., None]), root * root, float(alpha), smith=smith
@@ -176,15 +269,20 @@ class SplitMaterial:
     ----------
     albedo : callable (mu, alpha) to three channels, such as a `SplitAlbedo`
     alpha : float in [0, 1], roughness of GGX
+
+    Raises
+    ------
+    InputError
+        For another roughness.
     """
 
     albedo: Callable[[Any, Any], Any]
     alpha: float
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.alpha <= 1.0:
+        if not is_real(self.alpha, 0.0, 1.0):
             raise input_error(
-                f"alpha={self.alpha}", "a number in [0, 1]", "It is the square of the perceptual."
+                f"alpha={self.alpha!r}", "a number in [0, 1]", "It is the square of the perceptual."
             )
 
 
@@ -202,30 +300,42 @@ def shade(
     light : PrefilteredLight
     albedo : callable (mu, alpha) to three channels
     normal, view : (..., 3) float arrays, or three Dr.Jit arrays each, as `mi.Vector3f` has them
-        Unit vectors; view points to the viewer.
+        Unit vectors; view points to the viewer. One of them may be three numbers beside a vector of
+        Dr.Jit arrays.
     alpha : (...) float in [0, 1]
+        Roughness; clamped.
 
     Returns
     -------
-    (..., 3) float array, or a tuple of three Dr.Jit arrays: 0 where the viewer is below the
-    surface. Differentiable in the normal, the view, alpha and what the albedo depends on.
+    (..., 3) float array, or a tuple of three Dr.Jit arrays if any argument is one: 0 where the
+    viewer is below the surface, NaN where a vector or alpha is. Differentiable in the normal, the
+    view, alpha and what the albedo depends on; in alpha also at 0, where the perceptual roughness
+    has an infinite slope: there the derivative is that of the first 1e-8 of alpha.
+
+    Raises
+    ------
+    InputError
+        For vectors without three components, and for arrays of NumPy together with Dr.Jit's.
     """
-    normal, view = as_vector(normal), as_vector(view)
+    normal, view = as_vectors(alpha, normal=normal, view=view)
     if isinstance(normal, tuple):
         dr = drjit_module()
         assert dr is not None
         cosine = normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]
         mirrored = [2.0 * cosine * n - v for n, v in zip(normal, view, strict=True)]
-        alpha = _value(type(cosine), alpha)
+        alpha = of_kind(type(cosine), alpha)
         radiance = light.lookup(mirrored, alpha)
-        reflectance = albedo(dr.minimum(dr.maximum(cosine, 0.0), 1.0), alpha)
+        # selected and not clipped: at the ends of [0, 1] derivatives pass
+        mu = dr.select(cosine < 0.0, 0.0, dr.select(cosine > 1.0, 1.0, cosine))
+        # not `cosine > 0`, which would be false for NaN
         return tuple(
-            dr.select(cosine > 0.0, a * b, 0.0) for a, b in zip(radiance, reflectance, strict=True)
+            dr.select(cosine <= 0.0, 0.0, a * b)
+            for a, b in zip(radiance, albedo(mu, alpha), strict=True)
         )
     cosine = np.sum(normal * view, axis=-1)
     mirrored = 2.0 * cosine[..., None] * normal - view
     product = light.lookup(mirrored, alpha) * albedo(np.clip(cosine, 0.0, 1.0), alpha)
-    return np.where(cosine[..., None] > 0.0, product, 0.0)
+    return np.where(cosine[..., None] <= 0.0, 0.0, product)
 
 
 # --- what a scene shows --------------------------------------------------------------------------
@@ -272,14 +382,32 @@ def visible_surface(scene: Any, spp: int = 16, seed: int = 0) -> VisibleSurface:
     scene : mi.Scene
         Its first sensor is used.
     spp : int, a square number
-    seed : int
+    seed : int, ≥ 0
+
+    Returns
+    -------
+    VisibleSurface
+
+    Raises
+    ------
+    InputError
+        For other numbers, and for a scene without a sensor.
     """
     import mitsuba as mi
 
-    side = math.isqrt(max(spp, 0))
-    if spp < 1 or side * side != spp:
-        raise input_error(f"spp={spp}", "a square number ≥ 1", "16 gives smooth edges.")
-    sensor = scene.sensors()[0]
+    side = math.isqrt(spp) if is_whole(spp, 1) else 0
+    if side == 0 or side * side != spp:
+        raise input_error(f"spp={spp!r}", "a square number ≥ 1", "16 gives smooth edges.")
+    if not is_whole(seed, 0):
+        raise input_error(f"seed={seed!r}", "an integer ≥ 0", "Any will do.")
+    sensors = scene.sensors()
+    if not sensors:
+        raise input_error(
+            "a scene without a sensor",
+            "a scene with one, the first of which is used",
+            "Add a 'perspective' sensor with a film to its dictionary.",
+        )
+    sensor = sensors[0]
     width, height = (int(n) for n in sensor.film().crop_size())
     jitter = np.random.default_rng(seed).random((height, width, spp, 2))
     cell = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1).reshape(-1, 2)
@@ -349,6 +477,11 @@ def render_split_sum(
     -------
     (height, width, 3) mi.TensorXf
         Linear sRGB, pixels averaged by a box filter; differentiable as `shade` is.
+
+    Raises
+    ------
+    InputError
+        If a shape has no material.
     """
     import mitsuba as mi
 
