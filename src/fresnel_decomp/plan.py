@@ -53,7 +53,7 @@ class Choice:
         Of one evaluation of all channels.
     numbers : int
         Stored per channel: F0, or F0 and a factor, or coefficients, or eta and k.
-    coefficients : (n, terms) float or None
+    coefficients : (n, numbers) float or None
     why : str
         Where the exact equations stay.
     """
