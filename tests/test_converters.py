@@ -206,7 +206,7 @@ def test_bad_arguments(arguments, message):
         convert(METAL, *arguments, **options)
 
 
-@pytest.mark.parametrize("source", [0.5, None, lambda c: c, "Au", Schlick], ids=repr)
+@pytest.mark.parametrize("source", [0.5, None, lambda c: c, "Au", Schlick])
 def test_what_is_no_model(source):
     for call in (lambda: convert(source, "f82"), lambda: loss(METAL, source)):
         with pytest.raises(InputError, match=r"model of reflectance; accepted.*Curve\(function\)"):
