@@ -176,7 +176,9 @@ def test_tables_are_for_the_distribution_and_in_the_metric(metric):
         c, alpha = choice.coefficients, surface.alpha[0]
         exact = directional_albedo(plan.basis, mu, alpha, distribution=surface.distribution)
         pair = [functions @ c.T for functions in (exact, baked.lookup(mu, alpha))]
-        assert np.abs(differences(surface, *pair, metric)).max() <= table.error
+        # the same views are among those of the plan: equal but for rounding
+        largest = np.abs(differences(surface, *pair, metric)).max()
+        assert largest <= table.error * (1.0 + 1e-9)
         assert table.enough == (table.error <= 0.1 * bound)
 
 

@@ -10,8 +10,7 @@ number of floating-point operations of an evaluation, which `mitsuba.operations`
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -277,23 +276,15 @@ def _with_gain(entry: LeftExact, max_error: float, metric: Metric) -> LeftExact:
     surface = entry.surface
     if surface is None or entry.gain:
         return entry
+    option = next((c for c in _shipped(surface, metric) if c.error <= max_error), None)
+    if option is None:
+        return replace(entry, gain="nothing: no term keeps the bound")
+    name: str = option.model
+    if name == "decomposition":
+        name = f"decomposition of {option.numbers} terms"
     exact = operations("exact", len(surface.eta))
-    candidates: list[Callable[[], list[Choice]]] = [
-        lambda: [_simple(surface, "schlick", metric)],
-        lambda: [_simple(surface, "f82", metric)],
-    ]
-    bases = [load_basis(recipe, terms) for terms in TERMS for recipe in RECIPES]
-    for basis in sorted(bases, key=lambda b: operations("decomposition", 3, b)):
-        candidates.append(lambda b=basis: _decomposed(surface, b, metric))  # type: ignore[misc]
-    for candidate in candidates:
-        for option in candidate():
-            if option.error <= max_error:
-                name: str = option.model
-                if name == "decomposition":
-                    name = f"decomposition of {option.numbers} terms"
-                gain = f"{name}: error {option.error:.2g}, {option.operations} operations"
-                return replace(entry, gain=f"{gain}, not {exact}")
-    return replace(entry, gain="nothing: no term keeps the bound")
+    gain = f"{name}: error {option.error:.2g}, {option.operations} operations, not {exact}"
+    return replace(entry, gain=gain)
 
 
 def _tables(
@@ -356,6 +347,15 @@ def _decomposed(surface: Surface, basis: Basis, metric: Metric) -> list[Choice]:
     return [Choice(surface, "decomposition", error, cost, basis.terms, coefficients)]
 
 
+def _shipped(surface: Surface, metric: Metric) -> Iterator[Choice]:
+    """All terms that ship, from cheap to dear, each predicted only when it is asked for."""
+    yield _simple(surface, "schlick", metric)
+    yield _simple(surface, "f82", metric)
+    bases = [load_basis(recipe, terms) for terms in TERMS for recipe in RECIPES]
+    for basis in sorted(bases, key=lambda b: operations("decomposition", 3, b)):
+        yield from _decomposed(surface, basis, metric)
+
+
 def _exact(surface: Surface) -> Choice:
     why = "no cheaper term keeps the bound"
     if _total_reflection(surface):
@@ -363,13 +363,8 @@ def _exact(surface: Surface) -> Choice:
     return Choice(surface, "exact", 0.0, operations("exact", len(surface.eta)), 2, None, why)
 
 
-@functools.cache
-def _judge() -> Basis:
-    return load_basis()
-
-
 def _total_reflection(surface: Surface) -> bool:
-    return bool(np.any(_judge().poor_fit(surface.eta, surface.k)))
+    return bool(np.any(load_basis().poor_fit(surface.eta, surface.k)))
 
 
 def _own_bases(surfaces: Sequence[Surface]) -> list[Basis]:
