@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import platform
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +30,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
+from _machine import processor
 from _markdown import markdown
 from accuracy_table import TERMS
 from fresnel_decomp import (
@@ -317,7 +317,7 @@ def about(options: argparse.Namespace) -> dict[str, Any]:
     return {
         "what": "curve evaluation, not rendering",
         "variant": options.variant,
-        "machine": _processor(),
+        "machine": processor(),
         "cpus": os.cpu_count(),
         "threads": dr.thread_count() if llvm else None,
         "llvm": ".".join(map(str, dr.detail.llvm_version() or ())) if llvm else None,
@@ -331,16 +331,6 @@ def about(options: argparse.Namespace) -> dict[str, Any]:
         "evaluations_per_element": options.turns * UNROLL,
         "indices": RGB_INDEX,
     }
-
-
-def _processor() -> str:
-    """The processor's name where the system tells it."""
-    info = Path("/proc/cpuinfo")
-    if info.is_file():
-        for line in info.read_text(encoding="utf-8", errors="replace").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
 
 
 def describe(facts: dict[str, Any]) -> str:

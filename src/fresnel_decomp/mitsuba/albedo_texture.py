@@ -17,6 +17,8 @@ __all__ = ["AlbedoTexture", "bitmap_textures"]
 class AlbedoTexture:
     """An albedo table in one or two `mi.Texture2f` of the active variant.
 
+    They have four channels, or two where the table has no more.
+
     Parameters
     ----------
     table : AlbedoTable
@@ -50,7 +52,7 @@ class AlbedoTexture:
         self.table = table
         self.textures = [
             mi.Texture2f(
-                mi.TensorXf(texture),
+                mi.TensorXf(np.ascontiguousarray(texture[..., : 2 if table.terms <= 2 else 4])),
                 use_accel=use_accel,
                 filter_mode=dr.FilterMode.Linear,
                 wrap_mode=dr.WrapMode.Clamp,

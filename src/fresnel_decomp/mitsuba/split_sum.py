@@ -24,7 +24,7 @@ import math
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,6 +37,9 @@ from ..microfacet import Smith
 from ..table import AlbedoTable, Layout
 from .environment import as_vectors, of_kind
 from .prefilter import PrefilteredLight
+
+if TYPE_CHECKING:
+    from .light_texture import LightTexture
 
 __all__ = [
     "SplitAlbedo",
@@ -287,7 +290,7 @@ class SplitMaterial:
 
 
 def shade(
-    light: PrefilteredLight,
+    light: PrefilteredLight | LightTexture,
     albedo: Callable[[Any, Any], Any],
     normal: Any,
     view: Any,
@@ -297,7 +300,7 @@ def shade(
 
     Parameters
     ----------
-    light : PrefilteredLight
+    light : PrefilteredLight, or LightTexture for Dr.Jit
     albedo : callable (mu, alpha) to three channels
     normal, view : (..., 3) float arrays, or three Dr.Jit arrays each, as `mi.Vector3f` has them
         Unit vectors; view points to the viewer. One of them may be three numbers beside a vector of

@@ -1,0 +1,536 @@
+"""What four terms cost beside Schlick's two in a full-screen split-sum pass.
+
+    python scripts/bench_gpu.py                        # on the GPU if there is one, else on LLVM
+    python scripts/bench_gpu.py --page docs/speed_gpu.md --figure docs/figures/screen_pass.png
+
+The talk measured "at most 0.05 ms" more than Schlick's decomposition, full screen at 1280 x 720 on
+an RTX 2070. The pass here reads a G-buffer (normal, roughness; texture coordinates where material
+textures are read), fetches the prefiltered light and the preintegrated table, and writes three
+channels: `split_sum.shade` of the library, with everything in textures. With a GPU, times are in
+milliseconds. A processor filters textures in software: there the script reports ratios only, which
+say nothing on the talk's milliseconds.
+
+Before the timing every pass is compared with the same picture computed in NumPy, in float64, at
+all pixels; a wrong one ends the run. On a GPU that is done with filtering in software, whose
+answers are exact, and again with the texture units, whose fractions have 8 bits; the latter are
+timed.
+
+All passes, and passes cut short, take turns; a ratio or a difference is the median over rounds of
+what two passes took in the same round, ± half the distance between its quartiles. Finished rounds
+are kept in the results: interrupt the script when you like, the same command goes on.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import statistics
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+from _machine import graphics_card, processor
+from _markdown import insert, markdown
+from _screen_pass import (
+    FETCHES,
+    METALS,
+    PARTS,
+    PASSES,
+    TEXTURED,
+    UNIFORM,
+    Materials,
+    Screen,
+    Shaders,
+    make_materials,
+    make_screen,
+    reference,
+)
+from fresnel_decomp import __version__, doctor
+from fresnel_decomp._check import input_error
+from fresnel_decomp._command import run_and_exit
+from fresnel_decomp._files import writable_folder, write_json
+from fresnel_decomp.images import delta_e, display, nrmse
+from fresnel_decomp.report import style
+
+OUT = Path(__file__).resolve().parents[1] / "out" / "bench_gpu"
+MARKS = {
+    kind: (f"<!-- full-screen pass, {kind} -->\n", f"<!-- end of full-screen pass, {kind} -->\n")
+    for kind in ("cuda", "llvm")
+}
+CLAIM_MS = 0.05
+CLAIM = (1280, 720)
+EXACT_RMS = 5e-5
+"""Largest RMS error over the mean, in float32: it is 1e-6 to 1e-5 on a processor, where
+roundings of the direction meet the edge of the sun."""
+UNITS_RMS = 0.02
+"""The same with texture units: 8 bits of fraction between texels of a light with a sun in it."""
+EXPOSURE = 1.0  # stops, of the picture and of colour differences
+
+Times = dict[str, list[float]]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All that times and answers depend on, but for the machine."""
+
+    variant: str
+    width: int
+    height: int
+    recipe: str = "talk"
+    texture: int = 512
+    table: int = 64
+    light_width: int = 256
+    light_levels: int = 16
+
+
+QUICK = {"width": 64, "height": 36, "texture": 32, "table": 16, "light_width": 32,
+         "light_levels": 4}  # fmt: skip
+
+
+def base_of(name: str) -> str:
+    """Schlick's pass with coefficients of the same kind."""
+    return UNIFORM[0] if name in UNIFORM else TEXTURED[0]
+
+
+# --- answers -------------------------------------------------------------------------------------
+
+
+def prefiltered_city(width: int, levels: int) -> Any:
+    """The prefiltered city with all maps of one size, as the layers of a texture have it."""
+    from fresnel_decomp.mitsuba.environment import city
+    from fresnel_decomp.mitsuba.prefilter import PrefilteredLight, blurred
+
+    source = city(width)
+    roughness = [(i / (levels - 1)) ** 2 for i in range(1, levels)]
+    return PrefilteredLight("city", (source.radiance, *(blurred(source, a) for a in roughness)))
+
+
+def rendered(shaders: Callable[[str], Any], name: str) -> np.ndarray:
+    """(n, 3) float64: what a pass gives.
+
+    Raises
+    ------
+    RuntimeError
+        If a pixel is not finite.
+    """
+    import mitsuba as mi
+
+    picture = np.array(mi.Color3f(*shaders(name)), np.float64).T
+    bad = np.count_nonzero(~np.isfinite(picture).all(axis=1))
+    if bad:
+        raise RuntimeError(f"{name}: {bad} of {len(picture)} pixels are not finite")
+    return picture
+
+
+def relative_error(name: str, found: np.ndarray, expected: np.ndarray, limit: float) -> float:
+    """RMS error over the mean.
+
+    Raises
+    ------
+    RuntimeError
+        If it is above the limit: what is wrong is not timed.
+    """
+    error = float(np.sqrt(np.mean((found - expected) ** 2)) / expected.mean())
+    if not error <= limit:
+        raise RuntimeError(f"{name} is off by {error:.2g} of the mean, {limit:g} are allowed")
+    return error
+
+
+def check(
+    passes: Sequence[tuple[Callable[[str], Any], float]],
+    screen: Screen,
+    materials: Materials,
+    light: Any,
+    advance: Callable[[], object],
+) -> tuple[dict[str, dict[str, Any]], dict[str, np.ndarray]]:
+    """Compare every pass with NumPy; return its errors, and the pictures of the exact Fresnel too.
+
+    `passes` are shaders with their largest allowed error, the ones that are timed last.
+    """
+    pictures = {}
+    for kind in ("uniform", "textured"):
+        pictures[f"exact, {kind}"] = reference(f"exact, {kind}", screen, materials, light)
+        advance()
+    errors: dict[str, dict[str, Any]] = {}
+    shape = (screen.height, screen.width, 3)
+    for name in PASSES:
+        expected = reference(name, screen, materials, light)
+        found = []
+        for shaders, limit in passes:
+            pictures[name] = rendered(shaders, name)
+            found.append(relative_error(name, pictures[name], expected, limit))
+        errors[name] = {"shader": found[0], "shader_as_timed": found[-1]}
+        # (r, g) in between are those of other metals than mixtures of reflectances
+        if "(r, g)" not in name:
+            exact = pictures["exact, uniform" if name in UNIFORM else "exact, textured"]
+            pair = [picture.reshape(shape) for picture in (exact, expected)]
+            errors[name]["nrmse"] = nrmse(*pair)
+            errors[name]["delta_e"] = float(delta_e(*pair, EXPOSURE).mean())
+        advance()
+    return errors, {name: picture.reshape(shape) for name, picture in pictures.items()}
+
+
+# --- times ---------------------------------------------------------------------------------------
+
+
+def measure(
+    shaders: Callable[[str], Any],
+    times: Times,
+    rounds: int,
+    repeat: int,
+    finished: Callable[[], object],
+) -> None:
+    """Add kernel milliseconds to `times` until there are so many rounds, all passes in turn.
+
+    Two rounds go before the first that counts: they compile.
+
+    Raises
+    ------
+    RuntimeError
+        If a pass is not one kernel.
+    """
+    import drjit as dr
+
+    names = (*PASSES, *PARTS)
+    done = len(times[names[0]])
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        for number in range(-2 if done < rounds else rounds, rounds - done):
+            order = names[:: -1 if number % 2 else 1]
+            found = {name: _milliseconds(shaders, name, repeat) for name in order}
+            if number >= 0:
+                for name, milliseconds in found.items():
+                    times[name].append(milliseconds)
+                finished()
+
+
+def _milliseconds(shaders: Callable[[str], Any], name: str, repeat: int) -> float:
+    import drjit as dr
+
+    dr.kernel_history_clear()
+    for _ in range(repeat):
+        dr.eval(shaders(name))
+    dr.sync_thread()
+    kernels = dr.kernel_history([dr.KernelType.JIT])
+    if len(kernels) != repeat:
+        raise RuntimeError(f"{name}: {len(kernels)} kernels for {repeat} passes")
+    return float(sum(kernel["execution_time"] for kernel in kernels)) / repeat
+
+
+def spread(values: Sequence[float]) -> tuple[float, float]:
+    """Median, and half the distance between the quartiles."""
+    low, middle, high = statistics.quantiles(values, n=4, method="inclusive")
+    return middle, 0.5 * (high - low)
+
+
+def differences(first: Sequence[float], second: Sequence[float]) -> list[float]:
+    return [a - b for a, b in zip(first, second, strict=True)]
+
+
+# --- report --------------------------------------------------------------------------------------
+
+
+def report(results: Mapping[str, Any]) -> str:
+    """Markdown: milliseconds on a GPU, ratios elsewhere."""
+    times, settings, about = results["times"], results["settings"], results["about"]
+    gpu = settings["variant"].startswith("cuda")
+    head = ["pass", "fetches a pixel"]
+    head += ["ms", "ms − Schlick's"] if gpu else []
+    head += ["time / Schlick's", "NRMSE, % · ΔE00 to exact"]
+    rows = []
+    for name in PASSES:
+        base = times[base_of(name)]
+        row = [name, FETCHES[name]]
+        if gpu:
+            row.append(_number(*spread(times[name]), digits=4))
+            more = spread(differences(times[name], base))
+            row.append("" if name == base_of(name) else _number(*more, digits=4))
+        ratio = spread([a / b for a, b in zip(times[name], base, strict=True)])
+        row.append("1" if name == base_of(name) else _number(*ratio, digits=3))
+        error = results["errors"][name]
+        row.append(
+            f"{100 * error['nrmse']:.2f} · {error['delta_e']:.2f}" if "nrmse" in error else ""
+        )
+        rows.append(row)
+    size = f"{settings['width']} × {settings['height']}"
+    where = (
+        f"Kernel times of {len(times[PASSES[0]])} rounds, {size}, {settings['variant']}, "
+        f"{about['device']}, Mitsuba {about['versions']['mitsuba']}, Dr.Jit "
+        f"{about['versions']['drjit']}; {about['date']}."
+    )
+    label = (
+        "Milliseconds on a GPU, with its texture units."
+        if gpu
+        else "**Ratios on a processor**, which filters textures in software: they do not check the "
+        "talk's milliseconds."
+    )
+    worst = max(error["shader"] for error in results["errors"].values())
+    checked = (
+        f"All pixels were compared with NumPy before: RMS error below {worst:.1g} of the mean"
+        + (
+            f", {max(e['shader_as_timed'] for e in results['errors'].values()):.1g} with texture "
+            "units."
+            if gpu
+            else "."
+        )
+    )
+    parts = [label, markdown(head, rows), shares(times), f"{where} {checked}"]
+    if gpu:
+        parts.insert(2, verdicts(results))
+    return "\n\n".join(parts)
+
+
+def shares(times: Mapping[str, Sequence[float]]) -> str:
+    """Markdown: what each part adds, in percent of the whole pass."""
+    screen, light, two, four = (times[name] for name in PARTS)
+    rows = []
+    for name in PASSES:
+        table = two if name.startswith("Schlick") else four
+        steps = (screen, differences(light, screen), differences(table, light),
+                 differences(times[name], table))  # fmt: skip
+        cells = []
+        for step in steps:
+            share = [100.0 * a / b for a, b in zip(step, times[name], strict=True)]
+            cells.append(_number(*spread(share), digits=0))
+        rows.append([name, *cells])
+    head = ("% of the pass", "G-buffer, output", "light", "table", "coefficients and sum")
+    return markdown(head, rows)
+
+
+def verdicts(results: Mapping[str, Any]) -> str:
+    """The talk's claim against what was measured; only for a GPU."""
+    settings, times = results["settings"], results["times"]
+    size = (settings["width"], settings["height"])
+    if size != CLAIM:
+        return f"At {size[0]} × {size[1]} the talk claims nothing; it is about 1280 × 720."
+    lines = []
+    for name in PASSES:
+        if name == base_of(name):
+            continue
+        more, half = spread(differences(times[name], times[base_of(name)]))
+        word = "within" if more <= CLAIM_MS else "above"
+        lines.append(f"- {name}: {more:+.4f} ± {half:.4f} ms, {word} {CLAIM_MS} ms")
+    device = results["about"]["device"]
+    other = "" if "2070" in device else f" This is another card, {device}."
+    return "\n".join([f"The talk: at most {CLAIM_MS} ms on an RTX 2070.{other}", "", *lines])
+
+
+def _number(value: float, half: float, digits: int) -> str:
+    return f"{value:.{digits}f} ± {half:.{digits}f}"
+
+
+def about(variant: str, repeat: int) -> dict[str, Any]:
+    """Machine and versions."""
+    import datetime
+
+    import drjit as dr
+
+    found = doctor.report()
+    if variant.startswith("cuda"):
+        device = graphics_card()
+    else:
+        version = ".".join(map(str, dr.detail.llvm_version() or ()))
+        device = f"{processor()}, {dr.thread_count()} threads, LLVM {version}"
+    return {
+        "device": device,
+        "cpus": os.cpu_count(),
+        "platform": platform.platform(),
+        "versions": found.versions | {"fresnel_decomp": __version__, "numpy": np.__version__},
+        "repeat": repeat,
+        "metals": METALS,
+        "date": datetime.date.today().isoformat(),
+    }
+
+
+# --- picture -------------------------------------------------------------------------------------
+
+
+def draw(pictures: Mapping[str, np.ndarray], path: Path) -> None:
+    """What the passes show, and how far from the exact Fresnel each pixel is."""
+    height, width, _ = next(iter(pictures.values())).shape
+    wide, gap, top, left = 2.62, 0.06, 0.3, 0.25
+    tall = wide * height / width
+    with style.styled():
+        total = (left + 3 * wide + 2 * gap + 0.02, top + 4 * tall + 3 * gap + 0.52)
+        figure = style.figure(*total)
+
+        def axes(column: int, row: int) -> Any:
+            x = left + column * (wide + gap)
+            y = top + row * (tall + gap)
+            box = (x / total[0], 1.0 - (y + tall) / total[1], wide / total[0], tall / total[1])
+            made = figure.add_axes(box)
+            made.set_axis_off()
+            return made
+
+        def write(x: float, y: float, text: str, **options: Any) -> None:
+            centred = {"ha": "center", "va": "center"}
+            figure.text(x / total[0], 1.0 - y / total[1], text, **centred | options)
+
+        mappable = None
+        titles = ("exact Fresnel", "Schlick", "four terms")
+        for column, title in enumerate(titles):
+            write(left + column * (wide + gap) + 0.5 * wide, 0.5 * top, title, size=9.5)
+            for i, kind in enumerate(("uniform", "textured")):
+                exact, picture = (pictures[f"{t.split()[0]}, {kind}"] if t.startswith("exact")
+                                  else pictures[f"{t}, {kind}"]
+                                  for t in ("exact", title))  # fmt: skip
+                axes(column, 2 * i).imshow(display(picture, EXPOSURE), vmin=0, vmax=1)
+                if column == 0:
+                    continue
+                difference = delta_e(exact, picture, EXPOSURE)
+                panel = axes(column, 2 * i + 1)
+                mappable = panel.imshow(difference, cmap=style.SEQUENTIAL, vmin=0, vmax=10.0)
+                mean = f"mean ΔE$_{{00}}$ {difference.mean():.2f}"
+                panel.text(
+                    0.985,
+                    0.05,
+                    mean,
+                    transform=panel.transAxes,
+                    ha="right",
+                    va="bottom",
+                    color="white",
+                    size=8,
+                    bbox={"boxstyle": "round,pad=0.25", "fc": "#000000a0", "ec": "none"},
+                )
+        for i, kind in enumerate(("one material: the talk's edge tint", "textures of six metals")):
+            y = top + (2 * i + 1) * tall + (2 * i + 0.5) * gap
+            write(0.5 * left, y, kind, rotation=90, size=9.0)
+            write(left + 0.5 * wide, top + (2 * i + 1.5) * tall + (2 * i + 1) * gap,
+                  "ΔE$_{00}$ from the exact Fresnel →", size=8.5, color="#606060")  # fmt: skip
+        y = total[1] - 0.42
+        box = ((left + wide + gap) / total[0], 1.0 - (y + 0.09) / total[1],
+               (2 * wide + gap) / total[0], 0.09 / total[1])  # fmt: skip
+        bar = figure.colorbar(
+            mappable, cax=figure.add_axes(box), orientation="horizontal", extend="max",
+            extendfrac=0.02, ticks=range(0, 11, 2),
+        )  # fmt: skip
+        bar.set_label("ΔE$_{00}$", size=8, labelpad=1)
+        bar.ax.tick_params(labelsize=7.5)
+        bar.ax.grid(False)
+        bar.outline.set_linewidth(0.5)
+        style.save(figure, path, dpi=160)
+
+
+# --- command line --------------------------------------------------------------------------------
+
+
+def resumed(path: Path, settings: Mapping[str, Any], device: str) -> Times:
+    """Finished rounds of the same settings on the same device."""
+    empty: Times = {name: [] for name in (*PASSES, *PARTS)}
+    try:
+        kept = json.loads(path.read_text(encoding="utf-8"))
+        if kept["settings"] == settings and kept["about"]["device"] == device:
+            times = {name: [float(t) for t in kept["times"][name]] for name in empty}
+            if len({len(values) for values in times.values()}) == 1:
+                return times
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    return empty
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--variant", help="cuda_ad_rgb or llvm_ad_rgb.  [default: the first that works here]")
+@click.option("--rounds", default=31, show_default=True, type=click.IntRange(7))
+@click.option("--width", default=CLAIM[0], show_default=True, type=click.IntRange(16))
+@click.option("--height", default=CLAIM[1], show_default=True, type=click.IntRange(9))
+@click.option("--quick", is_flag=True, help="A tiny picture, to see that everything runs.")
+@click.option("--force", is_flag=True, help="Measure again what is finished.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Folder for the results, VARIANT.json.  [default: out/bench_gpu]",
+)
+@click.option(
+    "--page",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="Also put the tables into this Markdown file.",
+)
+@click.option("--figure", type=click.Path(path_type=Path), help="Also draw this picture.")
+def bench(
+    variant: str | None,
+    rounds: int,
+    width: int,
+    height: int,
+    quick: bool,
+    force: bool,
+    out: Path | None,
+    page: Path | None,
+    figure: Path | None,
+) -> None:
+    """Four terms beside Schlick's two in a full-screen split-sum pass."""
+    variant = variant or doctor.best_variant()
+    if variant.startswith("scalar") or "_rgb" not in variant:
+        raise input_error(
+            f"variant '{variant}'",
+            "cuda_ad_rgb or llvm_ad_rgb",
+            "Scalar variants have no kernels to time; `fresnel-decomp doctor --fix` gets an LLVM.",
+        )
+    doctor.require_variant(variant)
+    import mitsuba as mi
+
+    mi.set_variant(variant)
+    gpu = variant.startswith("cuda")
+    settings = Settings(variant, width, height)
+    if quick:
+        settings = Settings(variant, **QUICK)
+    repeat = 20 if gpu else 1
+    facts = about(variant, repeat)
+    path = writable_folder(out or OUT) / f"{variant}.json"
+    times = resumed(path, asdict(settings), facts["device"])
+    if force:
+        times = {name: [] for name in times}
+    kept = len(times[PASSES[0]])
+    if kept:
+        click.echo(f"{kept} rounds are finished.", err=True)
+
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        steps = 1 + 2 + len(PASSES) + max(0, rounds - kept)
+        task = progress.add_task("baking", total=steps)
+        screen = make_screen(settings.width, settings.height)
+        materials = make_materials(settings.recipe, settings.texture, settings.table)
+        light = prefiltered_city(settings.light_width, settings.light_levels)
+        progress.update(task, advance=1, description="checking")
+        shaders = Shaders(screen, materials, light, use_accel=gpu)
+        passes: list[tuple[Callable[[str], Any], float]] = [(shaders, EXACT_RMS)]
+        if gpu:
+            passes = [(Shaders(screen, materials, light), EXACT_RMS), (shaders, UNITS_RMS)]
+        errors, pictures = check(passes, screen, materials, light, lambda: progress.advance(task))
+        results = {
+            "settings": asdict(settings),
+            "about": facts,
+            "errors": errors,
+            "times": times,
+        }
+
+        def finished() -> None:
+            write_json(path, results)
+            progress.advance(task)
+
+        progress.update(task, description="timing")
+        measure(shaders, times, rounds, repeat, finished)
+    write_json(path, results)
+    click.echo(report(results))
+    if page:
+        insert(page, report(results), MARKS["cuda" if gpu else "llvm"])
+        click.echo(f"Wrote {page}", err=True)
+    if figure:
+        draw(pictures, figure)
+        click.echo(f"Wrote {figure}", err=True)
+
+
+def main() -> None:
+    """Run and exit: 0 done, 1 failed, 2 bad input, 130 interrupted."""
+    doctor.prepare()  # before anything imports Dr.Jit
+    run_and_exit(
+        bench, None, "bench_gpu.py", "Interrupted. The same command goes on from finished rounds."
+    )
+
+
+if __name__ == "__main__":
+    main()
