@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -109,6 +111,22 @@ def test_all_names_lead_home():
     assert len(set(fresnel_decomp.__all__)) == len(fresnel_decomp.__all__)
     with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
         _ = fresnel_decomp.nothing
+
+
+def test_type_checkers_see_the_same_names():
+    """What is imported for type checkers alone is what is there when a program runs."""
+    tree = ast.parse(Path(fresnel_decomp.__file__).read_text(encoding="utf-8"))
+    (block,) = (
+        node for node in tree.body if isinstance(node, ast.If) and isinstance(node.test, ast.Name)
+    )
+    seen = {"": set()} | {module: set() for module in fresnel_decomp._HOMES}
+    for statement in block.body:
+        assert isinstance(statement, ast.ImportFrom)
+        seen[statement.module or ""] |= {alias.name for alias in statement.names}
+        if statement.module is None:  # strict checkers pass on what is called so on purpose
+            assert all(alias.asname == alias.name for alias in statement.names)
+    assert seen.pop("") == fresnel_decomp._SUBMODULES
+    assert seen == {module: set(names) for module, names in fresnel_decomp._HOMES.items()}
 
 
 def test_every_all_is_true():

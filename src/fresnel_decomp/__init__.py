@@ -13,6 +13,24 @@ from typing import TYPE_CHECKING, Any
 from ._version import __version__
 
 if TYPE_CHECKING:
+    from . import albedo as albedo
+    from . import basis as basis
+    from . import basis_table as basis_table
+    from . import closed_form as closed_form
+    from . import colour as colour
+    from . import converters as converters
+    from . import curves as curves
+    from . import doctor as doctor
+    from . import extraction as extraction
+    from . import fresnel as fresnel
+    from . import images as images
+    from . import microfacet as microfacet
+    from . import mitsuba as mitsuba
+    from . import models as models
+    from . import parametrization as parametrization
+    from . import representations as representations
+    from . import spectra as spectra
+    from . import table as table
     from ._check import InputError
     from .albedo import directional_albedo
     from .basis import Basis, FitError, extract_basis, load_basis
@@ -128,12 +146,14 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    if name in _HOME_OF:
-        return getattr(importlib.import_module(f".{_HOME_OF[name]}", __name__), name)
-    if name in _SUBMODULES:
-        return importlib.import_module(f".{name}", __name__)
-    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+if not TYPE_CHECKING:  # a type checker would take any name for a public one
+
+    def __getattr__(name: str) -> Any:
+        if name in _HOME_OF:
+            return getattr(importlib.import_module(f".{_HOME_OF[name]}", __name__), name)
+        if name in _SUBMODULES:
+            return importlib.import_module(f".{name}", __name__)
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
 
 
 def __dir__() -> list[str]:

@@ -184,7 +184,7 @@ class DecomposedConductor:
         self.fresnel, self.kind = fresnel, kind
         self.basis = lambda: basis
         make: dict[str, Any] = {"exact": Exact, "schlick": Schlick, "f82": F82}
-        self.term = make[fresnel]() if fresnel in make else Decomposition(self.basis())
+        self.term = make[fresnel]() if fresnel in make else Decomposition(basis)
         self.tables: list[Any] = []
         self._project()
 

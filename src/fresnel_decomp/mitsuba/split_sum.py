@@ -34,7 +34,8 @@ from .._check import choose, input_error, is_real, is_whole
 from .._schlick import bend_factor
 from ..albedo import directional_albedo
 from ..microfacet import Smith
-from ..table import AlbedoTable, Layout
+from ..table import AlbedoTable
+from ..table_layout import Layout
 from .environment import as_vectors, of_kind
 from .prefilter import PrefilteredLight
 
