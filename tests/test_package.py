@@ -136,5 +136,33 @@ def test_every_all_is_true():
             assert hasattr(module, public), f"{name}.{public}"
 
 
+TERMINAL = {"cli.py", "_command.py"}
+"""What may write to the terminal; the rest of the library logs."""
+
+
+def test_the_library_does_not_print():
+    home = Path(fresnel_decomp.__file__).parent
+    for path in sorted(home.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and path.name not in TERMINAL:
+                name = ast.unparse(node.func)
+                prints = name in ("print", "click.echo") or name.startswith("sys.stdout.")
+                assert not prints, f"{path.name}:{node.lineno}"
+
+
+def test_loggers_are_those_of_the_package():
+    """Quiet unless the program that uses the library asks: no handlers, no levels of its own."""
+    code = (
+        "import json, logging, fresnel_decomp.spectra, fresnel_decomp._llvm_choice\n"
+        "names = [n for n in logging.root.manager.loggerDict if n.startswith('fresnel_decomp')]\n"
+        "found = [logging.getLogger(n) for n in names]\n"
+        "print(json.dumps([[l.name, l.level, len(l.handlers)] for l in found]))"
+    )
+    found = run(code)
+    assert found
+    assert all(level == handlers == 0 for _, level, handlers in found)
+    assert run("import json, logging, fresnel_decomp; print(len(logging.root.handlers))") == 0
+
+
 def test_version():
     assert all(part.isdigit() for part in fresnel_decomp.__version__.split(".")[:2])
