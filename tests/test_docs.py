@@ -9,6 +9,8 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -38,7 +40,7 @@ def _variant_as_before(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
 
 def failures(test: doctest.DocTest) -> str:
     report: list[str] = []
-    doctest.DocTestRunner().run(test, out=report.append)
+    doctest.DocTestRunner().run(test, out=report.append, clear_globs=False)
     return "".join(report)
 
 
@@ -50,15 +52,26 @@ def test_docstring_examples(name: str):
 
 
 @pytest.mark.parametrize("page", EXAMPLES, ids=lambda page: page.stem)
-def test_page_examples(page: Path):
-    blocks = re.findall(r"```pycon\n(.*?)```", page.read_text(encoding="utf-8"), re.S)
-    test = doctest.DocTestParser().get_doctest("\n".join(blocks), {}, page.name, str(page), 0)
-    assert not failures(test)
+def test_page_examples(page: Path, monkeypatch: pytest.MonkeyPatch):
+    """Blocks of a page run in turn and share their names, definitions on `extend_` pages too."""
+    module = ModuleType("a_page")  # where dataclasses look for what annotations mean
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    names: dict[str, Any] = vars(module)
+    blocks = re.findall(r"```(pycon|python)\n(.*?)```", page.read_text(encoding="utf-8"), re.S)
+    for number, (kind, text) in enumerate(blocks):
+        if kind == "pycon":
+            title = f"{page.name}, block {number}"
+            test = doctest.DocTestParser().get_doctest(text, names, title, str(page), 0)
+            assert not failures(test)
+            names.update(test.globs)
+        elif page.stem.startswith("extend_"):
+            exec(compile(text, str(page), "exec"), names)
 
 
 def test_there_are_examples():
     names = {page.stem for page in EXAMPLES}
     assert {"index", "decomposition", "recipes", "plugin"} <= names
+    assert {"extend_model", "extend_recipe", "extend_bsdf"} <= names
 
 
 @pytest.mark.parametrize("name", fresnel_decomp.__all__)

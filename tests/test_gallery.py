@@ -1,0 +1,77 @@
+"""The gallery shows every picture, with a command that exists."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import shlex
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fresnel_decomp import InputError
+from test_figures import MODULES
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture
+def gallery(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    yield importlib.import_module("gallery")
+    for name in (*MODULES, "gallery"):
+        sys.modules.pop(name, None)
+
+
+def test_page_is_what_the_script_writes(gallery: Any) -> None:
+    found = gallery.entries()
+    gallery.check(found)
+    assert gallery.PAGE.read_text(encoding="utf-8") == gallery.text(found)
+
+
+def test_every_picture_is_there_once(gallery: Any) -> None:
+    shown = re.findall(r"figures/(\S+\.png)", (ROOT / "docs" / "gallery.md").read_text("utf-8"))
+    shown = [name for name in shown if not name.startswith("out")]
+    pictures = {path.name for path in (ROOT / "docs" / "figures").glob("*.png")}
+    directives = [e.name for e in gallery.entries()]
+    assert sorted(directives) == sorted(pictures)
+    assert pictures <= set(shown)
+
+
+def test_commands_exist(gallery: Any) -> None:
+    """Scripts are there and know the options; the command's parameters, too."""
+    from fresnel_decomp.cli import cli
+
+    for entry in gallery.entries():
+        for part in entry.command.split("&&"):
+            words = shlex.split(part)
+            options = [word for word in words if word.startswith("--")]
+            if words[0] == "fresnel-decomp":
+                known = {o for p in cli.commands[words[1]].params for o in p.opts}
+                assert set(options) <= known
+                continue
+            assert words[0] == "python"
+            source = (ROOT / words[1]).read_text(encoding="utf-8")
+            assert all(f'"{option}"' in source for option in options), entry.command
+            if words[1].endswith("reproduce.py"):
+                assert words[-1] in gallery.FIGURES
+            elif not options:
+                assert entry.name in source
+
+
+def test_pictures_are_on_the_page_that_they_link_to(gallery: Any) -> None:
+    for entry in gallery.entries():
+        page = (ROOT / "docs" / f"{entry.page}.md").read_text(encoding="utf-8")
+        assert f"figures/{entry.name}" in page, entry.name
+
+
+def test_pictures_without_a_command_are_refused(gallery: Any, monkeypatch: Any) -> None:
+    found = gallery.entries()
+    with pytest.raises(InputError, match=found[-1].name):
+        gallery.check(found[:-1])
+    monkeypatch.setitem(gallery.OTHERS, "none.png", ("x", "python scripts/none.py", "speed"))
+    with pytest.raises(InputError, match=r"missing: \['none\.png'\]"):
+        gallery.check(gallery.entries())
