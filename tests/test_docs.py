@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 import fresnel_decomp
+from links import broken_links, read
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
@@ -97,21 +98,41 @@ def test_citation_has_this_version():
     assert f"\nversion: {fresnel_decomp.__version__}\n" in text
 
 
-@pytest.mark.slow
-def test_documentation_builds(tmp_path: Path):
+@pytest.fixture(scope="module")
+def html(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The documentation, built without warnings."""
     pytest.importorskip("myst_nb")
     pytest.importorskip("furo")
+    folder = tmp_path_factory.mktemp("documentation")
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
     build = subprocess.run(
-        [*command, "-d", str(tmp_path / "doctrees"), str(ROOT / "docs"), str(tmp_path / "html")],
+        [*command, "-d", str(folder / "doctrees"), str(ROOT / "docs"), str(folder / "html")],
         capture_output=True,
         text=True,
         timeout=600,
         check=False,
     )
     assert build.returncode == 0, build.stderr
-    notebook = (tmp_path / "html" / "notebook.html").read_text(encoding="utf-8")
+    return folder / "html"
+
+
+@pytest.mark.slow
+def test_documentation_builds(html: Path):
+    notebook = (html / "notebook.html").read_text(encoding="utf-8")
     assert notebook.count("<img") >= 5
     assert "Traceback" not in notebook
-    assert "<math" in (tmp_path / "html" / "decomposition.html").read_text(encoding="utf-8")
+    assert "<math" in (html / "decomposition.html").read_text(encoding="utf-8")
     assert "cdn." not in notebook  # readable without a network
+
+
+@pytest.mark.slow
+def test_links_of_the_documentation(html: Path):
+    """Pages, anchors, pictures and styles: nothing is missing, and nothing comes from elsewhere."""
+    assert not broken_links(html)
+    loaded = [
+        (path.name, link)
+        for path in html.rglob("*.html")
+        for tag, link in read(path).links
+        if tag in ("img", "script", "iframe", "source") and "//" in link
+    ]
+    assert not loaded
