@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -204,3 +205,24 @@ def test_page_says_which_numbers_are_which() -> None:
     assert "1280 × 720" in part
     assert "llvm_ad_rgb" in part
     assert " ms" not in part
+
+
+@pytest.mark.slow
+def test_page_quotes_the_errors(bench: Any, llvm: None) -> None:
+    """Errors to the exact Fresnel do not depend on the machine."""
+    module = sys.modules["_screen_pass"]
+    settings = bench.Settings("llvm_ad_rgb", *bench.CLAIM)
+    screen = module.make_screen(settings.width, settings.height)
+    materials = module.make_materials(settings.recipe, settings.texture, settings.table)
+    light = bench.prefiltered_city(settings.light_width, settings.light_levels)
+    shaders = module.Shaders(screen, materials, light)
+    errors, _ = bench.check([(shaders, bench.EXACT_RMS)], screen, materials, light, lambda: None)
+    results = made_up(bench, "llvm_ad_rgb") | {"errors": errors}
+    printed, page = (
+        [line.split("|") for line in text.splitlines() if re.match(r"\|.*\| light, table", line)]
+        for text in (bench.report(results), PAGE.read_text(encoding="utf-8"))
+    )
+    columns = (1, 2, 4)  # name, fetches, errors: all but the times
+    assert len(printed) == len(page) == len(bench.PASSES)
+    for mine, theirs in zip(printed, page, strict=True):
+        assert [mine[i].strip() for i in columns] == [theirs[i].strip() for i in columns]
