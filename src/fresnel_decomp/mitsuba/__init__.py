@@ -1,4 +1,4 @@
-"""The decomposition in Mitsuba 3: the BSDF plugin `decomposed_conductor`.
+"""The decomposition in Mitsuba 3: BSDF plugins `decomposed_conductor`, `decomposed_principled`.
 
 Importing this package loads Mitsuba but sets no variant. Inside it, `mi` is the renderer.
 """
@@ -15,10 +15,11 @@ _registered: set[str] = set()
 
 
 def register() -> None:
-    """Make the BSDF plugin `decomposed_conductor` known to Mitsuba.
+    """Make the BSDF plugins `decomposed_conductor` and `decomposed_principled` known to Mitsuba.
 
-    It is registered for the active variant, and for every variant that is set later. Calling this
-    again does no harm. The parameters are those of `DecomposedConductor`.
+    They are registered for the active variant, and for every variant that is set later. Calling
+    this again does no harm. The parameters are those of `DecomposedConductor` and
+    `DecomposedPrincipled`.
 
     Raises
     ------
@@ -47,7 +48,8 @@ def register() -> None:
 def _register_variant(_old: str | None, new: str) -> None:
     if new in _registered:
         return
-    from .conductor import plugin_class
+    from . import conductor, principled
 
-    mi.register_bsdf("decomposed_conductor", plugin_class())
+    mi.register_bsdf("decomposed_conductor", conductor.plugin_class())
+    mi.register_bsdf("decomposed_principled", principled.plugin_class())
     _registered.add(new)

@@ -25,6 +25,7 @@ from ..parametrization import F82_COSINE
 from ..spectra import Material as Spectrum
 from ..spectra import load_material
 from .fresnel_terms import F82, Decomposition, Exact, Material, Schlick, parameter_set
+from .microfacet_lobe import derived, mueller, raised, weight_and_density
 from .ranges import check_range, recording
 from .tabulation import children, direct, tabulate
 
@@ -32,12 +33,7 @@ __all__ = ["DecomposedConductor", "plugin_class"]
 
 _log = logging.getLogger(__name__)
 
-_OWN_SLOTS = ("__dict__", "__weakref__")
-
 _PERMISSIONS = ("allow_partial", "allow_broken")
-
-_LEAST_COSINE = 1e-12
-"""The squared tangent of a lower direction, and its derivatives, would leave float32."""
 
 
 class DecomposedConductor:
@@ -263,7 +259,7 @@ class DecomposedConductor:
         if self.specular_reflectance is not None:
             weight = weight * self.specular_reflectance.eval(si, active)
         if mi.is_polarized and self.fresnel == "exact":
-            result = _mueller(ctx, wi, wo, m, weight, *values)
+            result = mueller(ctx, wi, wo, m, weight, *values)
         else:
             result = self.term(dr.dot(wi, m), *values) * weight
             if mi.is_polarized:
@@ -277,7 +273,7 @@ class DecomposedConductor:
         active &= mi.Frame3f.cos_theta(si.wi) > 0.0
         if not ctx.is_enabled(mi.BSDFFlags.GlossyReflection) or active is False:
             return bs, dr.zeros(mi.Spectrum)
-        wi = _raised(si.wi)
+        wi = raised(si.wi)
         cos_i = mi.Frame3f.cos_theta(wi)
         distr = self._microfacets(si, active)
         m, pdf = distr.sample(wi, sample2)
@@ -300,7 +296,7 @@ class DecomposedConductor:
         """Both directions, half vector, and where they agree on the side of the surface."""
         active &= (mi.Frame3f.cos_theta(si.wi) > 0.0) & (mi.Frame3f.cos_theta(wo) > 0.0)
         active &= ctx.is_enabled(mi.BSDFFlags.GlossyReflection)
-        wi, wo = _raised(si.wi), _raised(wo)
+        wi, wo = raised(si.wi), raised(wo)
         return wi, wo, dr.normalize(wo + wi), active
 
     def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
@@ -330,15 +326,9 @@ class DecomposedConductor:
         active &= (dr.dot(wi, m) > 0.0) & (dr.dot(wo, m) > 0.0)
         if active is False:
             return dr.zeros(mi.Spectrum), mi.Float(0.0)
-        distr, cos_i = self._microfacets(si, active), mi.Frame3f.cos_theta(wi)
-        d = distr.eval(m)
+        distr = self._microfacets(si, active)
+        d, weight, density = weight_and_density(distr, wi, wo, m, self.sample_visible)
         active &= d != 0.0
-        g1_i = distr.smith_g1(wi, m)
-        weight = d * (g1_i * distr.smith_g1(wo, m)) / (4.0 * cos_i)
-        if self.sample_visible:
-            density = d * g1_i / (4.0 * cos_i)
-        else:
-            density = distr.pdf(wi, m) / (4.0 * dr.dot(wo, m))
         value = self._reflect(ctx, si, wi, wo, m, weight, active)
         return value, dr.select(active, density, 0.0)
 
@@ -358,9 +348,7 @@ class DecomposedConductor:
 
 def plugin_class() -> type:
     """The plugin class for the active variant."""
-    # a class of Mitsuba's takes no second base, so it gets the methods themselves
-    body = {k: v for k, v in vars(DecomposedConductor).items() if k not in _OWN_SLOTS}
-    return type("DecomposedConductor", (mi.BSDF,), body)
+    return derived(DecomposedConductor)
 
 
 def _preset(name: str) -> dict[str, Any]:
@@ -426,14 +414,6 @@ def _spectrum(values: NDArray[np.float64]) -> Any:
     )
 
 
-def _raised(direction: Any) -> Any:
-    """The direction, or one just above the horizon instead of one on or below it.
-
-    What is computed from it is finite, with finite derivatives, also where it is discarded.
-    """
-    return mi.Vector3f(direction.x, direction.y, dr.maximum(direction.z, _LEAST_COSINE))
-
-
 def _uniform(value: float) -> Any:
     return mi.load_dict({"type": "uniform", "value": value})
 
@@ -447,30 +427,3 @@ def _texture(props: Any, name: str) -> Any:
             "use an RGB variant, or give eta and k.",
         )
     return props.get_unbounded_texture(name)
-
-
-def _mueller(ctx: Any, wi: Any, wo: Any, m: Any, weight: Any, eta: Any, k: Any) -> Any:
-    """Mueller matrix of specular reflection at `m`, between the Stokes bases of both rays."""
-    radiance = ctx.mode == mi.TransportMode.Radiance
-    incoming, outgoing = (-wo, wi) if radiance else (-wi, wo)
-    s_in, s_out = dr.cross(m, incoming), dr.cross(m, outgoing)
-    collinear = dr.all(s_in == mi.Vector3f(0))  # no plane of incidence: any axis will do
-    s_in = dr.select(collinear, mi.Vector3f(1, 0, 0), dr.normalize(s_in))
-    s_out = dr.select(collinear, mi.Vector3f(1, 0, 0), dr.normalize(s_out))
-    frames = [
-        *(incoming, s_in, mi.mueller.stokes_basis(incoming)),
-        *(outgoing, s_out, mi.mueller.stokes_basis(outgoing)),
-    ]
-    channels = [
-        mi.mueller.rotate_mueller_basis(
-            mi.mueller.specular_reflection(dr.dot(-incoming, m), mi.Complex2f(*index)), *frames
-        )
-        for index in zip(eta, k, strict=True)
-    ]
-    result = dr.zeros(mi.Spectrum)
-    for i in range(4):
-        for j in range(4):
-            values = [channel[i, j] for channel in channels]
-            entry = mi.UnpolarizedSpectrum(values if len(values) > 1 else values[0])
-            result[i, j] = entry * weight
-    return result

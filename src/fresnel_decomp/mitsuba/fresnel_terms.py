@@ -4,6 +4,9 @@ A *material* is a set of parameters that determines reflectance: `Indices` (eta,
 (r, g), `NodeColours` (f0, f1, ...) or `Coefficients` (c0, c1, ...). A *term* (`Exact`, `Schlick`,
 `F82`, `Decomposition`) says which numbers it needs of a material (`project`, done once, on flat
 arrays) and evaluates them at a shading point (calling it, per channel).
+
+All terms but the exact one are sums of few `functions` of the cosine, times the `weights` that
+follow from the numbers: what can be integrated ahead of time.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
+import numpy as np
 
 from .._check import input_error
 from .._schlick import bend_factor, bent_schlick, schlick
@@ -100,7 +104,9 @@ class Material:
 class Exact:
     """Mitsuba's own exact Fresnel equations, as in the built-in `roughconductor`."""
 
-    project = staticmethod(Material.indices)
+    @staticmethod
+    def project(material: Material) -> Sequence[Any]:
+        return material.indices()
 
     def __call__(self, cos_theta: Any, eta: Any, k: Any) -> Any:
         channels = zip(eta, k, strict=True)
@@ -118,6 +124,14 @@ class Schlick:
     def __call__(self, cos_theta: Any, f0: Any) -> Any:
         return schlick(f0, cos_theta)
 
+    @staticmethod
+    def functions(cos_theta: np.ndarray) -> np.ndarray:
+        return np.stack([np.ones_like(cos_theta), (1.0 - cos_theta) ** 5], axis=-1)
+
+    @staticmethod
+    def weights(f0: Any) -> tuple[Any, ...]:
+        return f0, 1.0 - f0
+
 
 class F82:
     """Schlick's curve less a cos (1 - cos)^6, exact at cos = 1/7 (Hoffman 2019)."""
@@ -130,14 +144,32 @@ class F82:
     def __call__(self, cos_theta: Any, f0: Any, a: Any) -> Any:
         return bent_schlick(f0, a, cos_theta)
 
+    @staticmethod
+    def functions(cos_theta: np.ndarray) -> np.ndarray:
+        bend = cos_theta * (1.0 - cos_theta) ** 6
+        return np.concatenate([Schlick.functions(cos_theta), bend[..., None]], axis=-1)
+
+    @staticmethod
+    def weights(f0: Any, a: Any) -> tuple[Any, ...]:
+        return f0, 1.0 - f0, -a
+
 
 class Decomposition:
     """Sum of c_i b_i(cos), with `basis.closed_form`: one division, shared by all channels."""
 
-    project = staticmethod(Material.coefficients)
+    @staticmethod
+    def project(material: Material) -> Sequence[Any]:
+        return material.coefficients()
 
     def __init__(self, basis: Basis) -> None:
         self.basis = basis
 
     def __call__(self, cos_theta: Any, *coefficients: Any) -> Any:
         return self.basis.closed_form.evaluate(coefficients, cos_theta)
+
+    def functions(self, cos_theta: np.ndarray) -> np.ndarray:
+        return self.basis.closed_form(cos_theta)
+
+    @staticmethod
+    def weights(*coefficients: Any) -> tuple[Any, ...]:
+        return coefficients
