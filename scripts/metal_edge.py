@@ -30,11 +30,15 @@ from fresnel_decomp.parametrization import F82_COSINE
 
 DATA = Path(fresnel_decomp.__file__).parent / "data" / "metal_edge.json"
 MARKS = ("<!-- metals -->\n", "<!-- end of metals -->\n")
+COLOUR_MARKS = ("<!-- colours -->\n", "<!-- end of colours -->\n")
 METALS = (
     *("Ag", "Al", "Au", "Be", "Cr", "Cu", "Hg", "Ir", "Li", "Mo", "Na_palik", "Nb", "Ni_palik"),
     *("Rh", "Ta", "TiC", "TiN", "VC", "VN", "V_palik", "W"),
 )
 """Mitsuba's metals and metallic carbides and nitrides with usable data, one data set each."""
+
+NOBLE = ("Ag", "Au", "Cu")
+"""Whose edges are brighter than those of the others."""
 
 ROOTS = np.linspace(0.0, 1.0, 33)
 NODES = np.sort(np.append(ROOTS[np.abs(ROOTS**2 - F82_COSINE) > 5e-3] ** 2, F82_COSINE))
@@ -131,8 +135,10 @@ def compare() -> dict[str, dict[str, float]]:
     results = {}
     for name, rows in found.items():
         values = np.array(rows)
+        chosen = [METALS.index(metal) for metal in NOBLE]
         results[name] = {
             "rmse": float(values[:, 0].mean()),
+            "rmse_noble": float(values[chosen, 0].mean()),
             "largest": float(values[:, 1].max()),
             "delta_e": float(values[:, 2].mean()),
             "delta_e_largest": float(values[:, 3].max()),
@@ -141,12 +147,13 @@ def compare() -> dict[str, dict[str, float]]:
 
 
 def table(results: dict[str, dict[str, float]]) -> str:
-    head = ["curve", "from", "RMSE", "largest error", "ΔE00, mean", "largest"]
+    head = ["curve", "from", "RMSE", "of Ag, Au, Cu", "largest error", "ΔE00, mean", "largest"]
     rows = [
         [
             name,
             WAYS[name][0],
             f"{row['rmse']:.4f}",
+            f"{row['rmse_noble']:.4f}",
             f"{row['largest']:.3f}",
             f"{row['delta_e']:.2f}",
             f"{row['delta_e_largest']:.2f}",
@@ -156,11 +163,24 @@ def table(results: dict[str, dict[str, float]]) -> str:
     return markdown(head, rows)
 
 
+def colour_table() -> str:
+    """What to type for metals: base and edge colours in linear sRGB."""
+
+    def cell(cos_theta: float, name: str) -> str:
+        colour = load_material(name).rgb_reflectance(cos_theta).clip(0.0, 1.0)
+        return ", ".join(f"{channel:.3f}" for channel in colour)
+
+    return markdown(
+        ["metal", "base_color", "edge_color"],
+        [[name, cell(1.0, name), cell(F82_COSINE, name)] for name in METALS],
+    )
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--write", action="store_true", help="write the fit into the package")
     parser.add_argument(
-        "--page", type=page_with(MARKS), help="replace the table between the marks of a page"
+        "--page", type=page_with(MARKS, COLOUR_MARKS), help="replace the tables of a page"
     )
     options = parser.parse_args(arguments)
     fitted = fit(METALS)
@@ -184,9 +204,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         f"\n\nOver {len(METALS)} metals; the usual edge colour is "
         f"1 − (1 − F0)({edge.p:.3f} + {edge.q:.3f} F0)."
     )
-    print(text)
+    print(f"{text}\n\n{colour_table()}")
     if options.page:
         insert(options.page, text, MARKS)
+        insert(options.page, colour_table(), COLOUR_MARKS)
 
 
 if __name__ == "__main__":

@@ -70,6 +70,11 @@ class LobeAlbedo:
             wrap_mode=dr.WrapMode.Clamp,
         )
 
+    @property
+    def textures(self) -> list[Any]:
+        """What lookups read: an attribute of the plugin, for functions that Dr.Jit freezes."""
+        return [*self._directional.textures, self._average]
+
     def directional(self, mu: Any, alpha: Any, active: Any = True) -> tuple[Any, ...]:
         """Albedos of the functions seen at cosine `mu`."""
         return self._directional.lookup(mu, alpha, active)

@@ -159,6 +159,7 @@ class DecomposedPrincipled:
         if isinstance(self.coating, Decomposition):
             key = f"{self.coating.basis.provenance.get('sha256')} {self.coating.basis.terms}"
         self.albedo = LobeAlbedo(self.coating.functions, key, distribution)
+        self.albedo_textures = self.albedo.textures
 
     def _set_flags(self) -> None:
         front = mi.BSDFFlags.FrontSide
