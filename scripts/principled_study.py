@@ -611,8 +611,8 @@ FIGURE = Figure(
         "card": CARD,
     },
     scene="studio",
-    size=240,
-    spp=144,
+    size=192,
+    spp=64,
 )
 
 

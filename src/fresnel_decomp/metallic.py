@@ -132,7 +132,7 @@ def default_edge_color(base_color: Any) -> Any:
     --------
     >>> from fresnel_decomp.metallic import default_edge_color
     >>> round(default_edge_color(0.6), 2), default_edge_color(1.0)
-    (0.62, 1.0)
+    (0.63, 1.0)
     """
     edge = load_metal_edge()
     return 1.0 - (1.0 - base_color) * multiply_add(base_color, edge.q, edge.p)

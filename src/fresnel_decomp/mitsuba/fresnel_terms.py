@@ -19,13 +19,13 @@ import numpy as np
 
 from .._check import input_error
 from .._schlick import bend_factor, bent_schlick, schlick
-from ..fresnel import conductor
+from ..fresnel import conductor, dielectric
 from ..parametrization import F82_COSINE, gulbrandsen_to_ior
 
 if TYPE_CHECKING:
     from ..basis import Basis
 
-__all__ = ["F82", "Decomposition", "Exact", "Material", "Schlick", "parameter_set"]
+__all__ = ["F82", "Decomposition", "Exact", "Lossless", "Material", "Schlick", "parameter_set"]
 
 
 def parameter_set(given: Sequence[str], terms: int) -> tuple[str, tuple[str, ...]]:
@@ -111,6 +111,14 @@ class Exact:
     def __call__(self, cos_theta: Any, eta: Any, k: Any) -> Any:
         channels = zip(eta, k, strict=True)
         values = [mi.fresnel_conductor(cos_theta, mi.Complex2f(*index)) for index in channels]
+        return mi.UnpolarizedSpectrum(values if len(values) > 1 else values[0])
+
+
+class Lossless(Exact):
+    """Our own equations for k = 0: right, with their derivatives, down to eta = 1."""
+
+    def __call__(self, cos_theta: Any, eta: Any, k: Any) -> Any:
+        values = [dielectric(cos_theta, channel, precision="native") for channel in eta]
         return mi.UnpolarizedSpectrum(values if len(values) > 1 else values[0])
 
 

@@ -23,7 +23,7 @@ from ..metallic import default_edge_color, dielectric_eta, metal_coefficients, m
 from ..parametrization import F82_COSINE, gulbrandsen_to_ior
 from ..representations import DIELECTRIC_F0
 from .coupled_diffuse import LobeAlbedo, coupling, total
-from .fresnel_terms import F82, Decomposition, Exact, Material, Schlick
+from .fresnel_terms import F82, Decomposition, Exact, Lossless, Material, Schlick
 from .microfacet_lobe import derived, mueller, raised, weight_and_density
 from .ranges import check_range, recording
 from .tabulation import tabulate
@@ -223,7 +223,7 @@ class DecomposedPrincipled:
         metal = self.term.project(_Metal(self.edge, base, edges, self.basis))
         albedos = self.albedo.directional(mi.Frame3f.cos_theta(wi), alpha, active)
         if self.fresnel == "exact":
-            parts = [(1.0 - metallic, stored[:2]), (metallic, metal)]
+            parts = [(1.0 - metallic, Lossless(), stored[:2]), (metallic, self.term, metal)]
             coating: Sequence[Any] = stored[2:]
             usual = total((base, 1.0 - base), albedos[:2])
             reflected = dr.lerp(total(coating, albedos), usual, metallic)
@@ -233,7 +233,7 @@ class DecomposedPrincipled:
                 dr.fma(b, metallic, a * (1.0 - metallic))
                 for a, b in zip(stored, metal, strict=True)
             ]
-            parts = [(None, mixed)]
+            parts = [(None, self.term, mixed)]
             coating = self.term.weights(*stored)
             reflected = total(self.term.weights(*mixed), albedos)
         reflected_first = total(coating, albedos)
@@ -253,14 +253,14 @@ class DecomposedPrincipled:
     def _reflect(self, ctx: Any, wi: Any, wo: Any, m: Any, weight: Any, at: _Point) -> Any:
         """Fresnel term at microfacet normal `m`, times the unpolarised `weight`."""
         weight, result = mi.UnpolarizedSpectrum(weight), dr.zeros(mi.Spectrum)
-        for share, values in at.parts:
+        for share, term, values in at.parts:
             part = weight if share is None else weight * share
             if mi.is_polarized and self.fresnel == "exact":
                 result += mueller(ctx, wi, wo, m, part, *values)
             elif mi.is_polarized:
-                result += mi.mueller.depolarizer(self.term(dr.dot(wi, m), *values) * part)
+                result += mi.mueller.depolarizer(term(dr.dot(wi, m), *values) * part)
             else:
-                result += self.term(dr.dot(wi, m), *values) * part
+                result += term(dr.dot(wi, m), *values) * part
         return result
 
     def _base(self, wo: Any, at: _Point, active: Any) -> Any:
@@ -351,8 +351,8 @@ class _Point(NamedTuple):
     base: Any
     metallic: Any
     alpha: Any
-    parts: list[tuple[Any, Sequence[Any]]]
-    """Shares (none: the whole) and stored values of the Fresnel terms that are added up."""
+    parts: list[tuple[Any, Any, Sequence[Any]]]
+    """Share (none: the whole), Fresnel term and its stored values of what is added up."""
     coating: Sequence[Any]
     """Weights of the dielectric's functions."""
     albedo: Any
