@@ -20,6 +20,7 @@ import fig01c_roughness
 import fig02_edge_tint
 import fig03_shader_balls
 import fig04_linear_tint
+import principled_study
 import split_sum_study
 import table_study
 from _figure import (
@@ -48,6 +49,7 @@ FIGURES = {
         fig04_linear_tint,
         split_sum_study,
         table_study,
+        principled_study,
     )
 }
 
