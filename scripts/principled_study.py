@@ -368,8 +368,8 @@ def render(job: Job) -> dict[str, Any]:
         }
         render_bsdfs(bsdfs, size=small, folder=job.folder, stem=f"grid_{metallic:g}", **options)
         job.report(f"metallic {metallic:g}", 0.5 * (1.0 + metallic) - 0.3)
-    render_bsdfs({"textured": textured(job.folder)}, size=size, folder=job.folder, stem="ball",
-                 **{**options, "scene": "shader-ball"})  # fmt: skip
+    render_bsdfs({"textured": textured(job.folder)}, size=size, folder=job.folder,
+                 stem="images", **options)  # fmt: skip
     numbers: dict[str, Any] = {}
     for metal in ("Au", "Cu"):
         images = render_bsdfs(
@@ -482,7 +482,7 @@ def draw(folder: Path, pictures: Path) -> None:
 
 
 def draw_grid(folder: Path, path: Path) -> None:
-    """Metallic over roughness, and beside it the textured ball."""
+    """Metallic over roughness, and beside it one with textures."""
     side, gap, left, top, ball = 1.0, 0.04, 0.62, 0.42, 3.3
     height = top + len(METALLIC) * (side + gap)
     with style.styled():
@@ -502,7 +502,7 @@ def draw_grid(folder: Path, path: Path) -> None:
         y = 0.5 * (height - ball) + 0.3
         page.write(x + ball / 2, y - 0.32, "base colour, metallic and roughness", size=9)
         page.write(x + ball / 2, y - 0.14, "from images: worn paint on copper", size=9)
-        page.picture(x, y, ball, read_exr(folder / "ball_textured.exr"))
+        page.picture(x, y, ball, read_exr(folder / "images_textured.exr"))
         page.save(path, dpi=120)
 
 
