@@ -219,7 +219,7 @@ def furnace() -> dict[str, dict[str, float]]:
             "exact, beyond 84°": float(np.abs(missing_exact[steep]).max()),
             "lost by a white metal at 0°": float(1.0 - lobe[-1, 0]),
             "lost by a white metal at 60°": float(1.0 - lobe[np.argmin(np.abs(mu - 0.5)), 0]),
-            "shadowed, as if it were lost": float((1.0 - lobe[-1, 0]) * dielectric(1.0, 1.5)),
+            "kept from a plastic's lobe at 0°": float((1.0 - lobe[-1, 0]) * dielectric(1.0, 1.5)),
         }
     return found
 

@@ -52,7 +52,8 @@ class LobeAlbedo:
 
     Parameters
     ----------
-    functions : callable from (m,) cosines to (m, terms) values
+    functions : callable
+        Takes (m,) cosines and returns one column of values for each function.
     key : str
         Tells one set of functions from others: each is integrated once in a process.
     distribution : {"ggx", "beckmann"}
