@@ -688,7 +688,10 @@ def test_values_are_finite_and_one_sided(
             for i, value in enumerate(values):
                 array = np.array(value)
                 assert np.isfinite(array).all(), (method, i, roughness)
-                if not (method == "sample" and i == 2):
+                # fits of an index near 1 leave [0, 1], as the page says; densities never do
+                signed = case == "black" and fresnel in ("decomposition", "f82") and i == 0
+                signed &= method != "pdf"
+                if not (method == "sample" and i == 2) and not signed:
                     assert (array >= -1e-6 * array.max()).all(), (method, i, roughness)
         below = (WI[:, 2] <= 0.0) | (WO[:, 2] <= 0.0)
         assert not np.array(found["eval"][0])[:, below].any()

@@ -87,6 +87,9 @@ class DecomposedPrincipled:
     terms. Light that microfacets of a *metal* would scatter more than once is lost, as in
     `roughconductor`.
 
+    Nothing is clamped: fits leave [0, 1] by their error, most where the index of the dielectric
+    is nearly that of the outside.
+
     In polarised variants the base and the fitted terms depolarise.
 
     Examples
