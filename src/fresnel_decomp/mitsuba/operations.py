@@ -105,7 +105,7 @@ def count_vector_operations(
     found: Counter[tuple[str, int]] = Counter()
     for line in _lines(function, arguments):
         match = _VECTOR.search(line)
-        if match:
+        if match and match["call"] != "masked":  # a load
             kinds = re.findall(r"<\d+ x (\w+)>", line)
             bits = max(_BITS.get(kind) or int(kind.removeprefix("i")) for kind in kinds)
             found[next(filter(None, match.groups())), bits] += 1
