@@ -41,7 +41,7 @@ def schlick(cos_theta: Array, eta: Array, k: Array) -> Array:
 
 def f82(cos_theta: Array, eta: Array, k: Array) -> Array:
     """Hoffman 2019: the factor of the correction from the exact value at cos = 1/7."""
-    at = np.float64(1.0 / 7.0)
+    at = np.array(1.0 / 7.0)
     a = (schlick(at, eta, k) - exact(at, eta, k)) / (at * (1.0 - at) ** 6)
     return schlick(cos_theta, eta, k) - a * cos_theta * (1.0 - cos_theta) ** 6
 
@@ -63,9 +63,7 @@ def gulbrandsen(cos_theta: Array, eta: Array, k: Array) -> Array:
     return exact(cos_theta, n, np.sqrt(np.maximum(square, 0.0)))
 
 
-def decomposition(
-    basis: Basis, cos_theta: Array, eta: Array, k: Array
-) -> tuple[Array, Array]:
+def decomposition(basis: Basis, cos_theta: Array, eta: Array, k: Array) -> tuple[Array, Array]:
     """(n, m) sums of the extracted functions for (n,) indices, and (n, 1) sums of |c_1|, |c_2|, ...
 
     The coefficients solve the equations that define them: exact at both ends and at the nodes.

@@ -28,8 +28,8 @@ from ..parametrization import F82_COSINE, gulbrandsen_to_ior
 from ..representations import Curve
 from ..spectra import Material
 from . import fresnel_terms as terms
-from .operations import count_operations, count_vector_operations
-from .workloads import BERYLLIUM
+from .operations import count_gathers, count_operations, count_vector_operations
+from .workloads import BERYLLIUM, PICTURE_DEPTH
 
 __all__ = [
     "BASE",
@@ -38,8 +38,9 @@ __all__ = [
     "WrongAnswerError",
     "candidates",
     "check",
-    "check_set",
     "check_bsdf",
+    "check_picture",
+    "check_set",
     "operation_counts",
     "reflectances",
 ]
@@ -126,9 +127,7 @@ def candidates(table_sizes: Sequence[int] = TABLE_SIZES) -> list[Candidate]:
 
 
 def _exact_functions() -> list[Candidate]:
-    def make(
-        name: str, tolerance: float, formula: Callable[..., Any], **more: Any
-    ) -> Candidate:
+    def make(name: str, tolerance: float, formula: Callable[..., Any], **more: Any) -> Candidate:
         family = "Mitsuba" if name.startswith("mi.") else "exact"
         return Candidate(
             name, family, "formula", _indices, Material.rgb_indices, _per_channel(formula),
@@ -369,13 +368,38 @@ def check_bsdf(candidate: Candidate, bsdf: Any, mirror: Any, si: Any, wo: Any) -
     return float(distance.max())
 
 
+def check_picture(candidate: Candidate, image: Array, exact: Array) -> float:
+    """The largest distance of a picture of `workloads.picture` to the built-in's, same paths.
+
+    A path has at most four reflections, of which each errs by as much as the curve does.
+
+    Raises
+    ------
+    WrongAnswerError
+        If the picture is farther away than that, or not finite.
+    """
+    index = [np.array(values) for values in BERYLLIUM.values()]
+    cos_theta = error_cosines()[0]
+    curves, allowed = candidate.answer(cos_theta, *index)
+    truth = answers.exact(cos_theta, *(values[:, None] for values in index))
+    error = float((np.abs(curves - truth) + allowed).max())
+    distance = float(np.abs(image - exact).max()) if np.isfinite(image).all() else np.inf
+    limit = (PICTURE_DEPTH - 1) * error + 1e-3
+    if not distance <= limit:
+        raise WrongAnswerError(
+            f"the picture with {candidate.name} is off by {distance:.2g}, which its curve's error "
+            f"of {error:.2g} does not explain; nothing was timed"
+        )
+    return distance
+
+
 def _rounded(values: Array) -> Array:
     """To the float32 numbers that kernels get."""
     return values.astype(np.float32).astype(np.float64)
 
 
 def operation_counts(candidate: Candidate) -> dict[str, int | None]:
-    """Of one evaluation in RGB: arithmetic operations, and in LLVM variants all on packets."""
+    """Of one evaluation in RGB: arithmetic, and in LLVM variants all on packets, and gathers."""
     stored = candidate.store(*(np.array(values) for values in BERYLLIUM.values()))
 
     def evaluate(cos_theta: Any, *flat: Any) -> Any:
@@ -387,4 +411,5 @@ def operation_counts(candidate: Candidate) -> dict[str, int | None]:
     return {
         "operations": count_operations(evaluate, *point).total(),
         "packet_operations": count_vector_operations(evaluate, *point).total() if llvm else None,
+        "gathers": count_gathers(evaluate, *point) if llvm else None,
     }

@@ -14,6 +14,7 @@ import mitsuba as mi
 
 __all__ = [
     "BERYLLIUM",
+    "PICTURE_DEPTH",
     "UNROLL",
     "Run",
     "bsdf_evaluation",
