@@ -75,13 +75,13 @@ class Settings:
 
     variant: str = field(default_factory=doctor.best_variant)
     models: tuple[str, ...] = ("*",)
-    rounds: int = 15
+    rounds: int = 11
     points: int = 4_000_000
     elements: int = 65_536
     turns: int = 16
-    bsdf_points: int = 4_000_000
+    bsdf_points: int = 2_000_000
     size: int = 256
-    spp: int = 32
+    spp: int = 16
     thin: int = 1
     table_sizes: tuple[int, ...] = (32, 128, 512)
     seed: int = 0
