@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import os
+import statistics
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,12 +24,15 @@ __all__ = [
     "ERRORS",
     "about_line",
     "budget_table",
+    "cost_slack",
     "cost_table",
     "document",
     "error_table",
+    "front",
     "read_csv",
     "recipe_table",
     "size_table",
+    "to_csv",
     "verdicts",
     "write",
 ]
@@ -64,6 +68,38 @@ _LIMITS |= {"bytes": (16, 64, 128, 256, 1024), "operations": (10, 25, 50, 75, 10
 BUILT_IN = "mi.fresnel_conductor"
 
 
+def cost_slack(rows: Sequence[Row], cost: str) -> float:
+    """By how much measured times must differ to count: twice the median relative spread.
+
+    None of it for bytes and operations, which are counted.
+    """
+    if not cost.endswith("_ratio"):
+        return 0.0
+    spread = cost.replace("_ratio", "_spread")
+    relative = [
+        row[spread] / row[cost] for row in rows if row[cost] is not None and row[spread] > 0.0
+    ]
+    return max(0.01, 2.0 * statistics.median(relative)) if relative else 0.01
+
+
+def front(rows: Sequence[Row], cost: str, error: str, integrates: bool) -> list[Row]:
+    """The models that nothing beats, from the cheapest to the most accurate.
+
+    With `integrates` among those that can be integrated over rough surfaces ahead of time.
+    """
+    among = [
+        row
+        for row in rows
+        if row[cost] is not None
+        and row[error] is not None
+        and (row["integrates"] or not integrates)
+    ]
+    places = pareto_front(
+        [row[cost] for row in among], [row[error] for row in among], cost_slack(rows, cost)
+    )
+    return [among[place] for place in places]
+
+
 def about_line(about: dict[str, Any]) -> str:
     """On what, and how, the times were taken."""
     from ..mitsuba.machine import describe_machine
@@ -86,7 +122,7 @@ def recipe_table(rows: Sequence[Row]) -> str:
         cells = [row["model"], _ratio(row, "compute"), _ratio(row, "bsdf", short=True)]
         cells += [str(row["operations"])]
         cells += [_pair(row, f"{name}_max", f"{name}_rmse") for name in ("a", "cp", "d", "low")]
-        cells += [_pair(row, "delta_e_mean", "delta_e_max", 2)]
+        cells += [_pair(row, "delta_e_mean", "delta_e_max", 3)]
         lines.append(cells)
     return markdown_table(head, lines)
 
@@ -118,7 +154,7 @@ def error_table(rows: Sequence[Row]) -> str:
             cells += [_pair(row, f"{name}_p99", f"{name}_mean")]
             albedo = [row[f"{name}_albedo_{error}"] for error in ("max", "p99", "mean", "rmse")]
             cells += ["–" if None in albedo else " / ".join(map(_short, albedo))]
-        lines.append([*cells, _pair(row, "delta_e_p99", "delta_e_rmse", 2)])
+        lines.append([*cells, _pair(row, "delta_e_p99", "delta_e_rmse", 3)])
     return markdown_table(head, lines)
 
 
@@ -224,7 +260,8 @@ def verdicts(rows: Sequence[Row]) -> str:
         )
     if tables and closed:
         said.append(_about_tables(tables, by_name))
-    nowhere = [row["model"] for row in closed if not _somewhere_on_a_front(row, rows)]
+    somewhere = _on_fronts(rows)
+    nowhere = [row["model"] for row in closed if row["model"] not in somewhere]
     if closed:
         said.append(
             "**On no front** of any cost and any of the four errors, even among models that can be "
@@ -265,16 +302,13 @@ def _about_tables(tables: Sequence[Row], by_name: dict[str, Row]) -> str:
     return text
 
 
-def _somewhere_on_a_front(row: Row, rows: Sequence[Row]) -> bool:
-    able = [other for other in rows if other["integrates"]]
-    for cost in COSTS:
-        timed = [other for other in able if other[cost] is not None]
-        for error in ERRORS:
-            known = [other for other in timed if other[error] is not None]
-            front = pareto_front([o[cost] for o in known], [o[error] for o in known])
-            if any(known[place] is row for place in front):
-                return True
-    return False
+def _on_fronts(rows: Sequence[Row]) -> set[str]:
+    return {
+        row["model"]
+        for cost in COSTS
+        for error in ERRORS
+        for row in front(rows, cost, error, integrates=True)
+    }
 
 
 def document(bench: Bench) -> str:
