@@ -9,6 +9,7 @@ Smith), at views whose cosine is in [0, 1] and alpha in [.08, 1].
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -134,12 +135,10 @@ def measure(
     >>> {name: round(errors.max, 3) for name, errors in found.items()}
     {'Schlick': 0.55, 'talk, 4 terms': 0.087}
     """
-    from .regression import albedo_operator
-
     cos_theta, uniform = curves.error_cosines()
     functions = models(cos_theta)
     functions = {name: functions[name] for name in (only or functions)}
-    points, operator, weights = albedo_operator()
+    points, operator, weights = _albedo_operator()
     at_points = models(points)
     largest = {name: np.zeros(len(curve_set)) for name in functions}
     place = {name: np.zeros(len(curve_set), int) for name in functions}
@@ -180,6 +179,13 @@ def measure(
             albedo_rmse=float(np.sqrt(albedo_square)),
         )
     return results
+
+
+@functools.cache
+def _albedo_operator() -> tuple[Array, Array, Array]:
+    from .regression import albedo_operator
+
+    return albedo_operator()
 
 
 def usable_materials() -> list[Material]:

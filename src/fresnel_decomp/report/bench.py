@@ -175,7 +175,7 @@ def run(
         work = _Work(settings, records, progress)
         for start in range(0, len(chosen), _GROUP):
             work.finish(chosen[start : start + _GROUP])
-    return Bench(about, [records[c.name].row for c in chosen])
+    return Bench(about | {"finished": _now()}, [records[c.name].row for c in chosen])
 
 
 def _select(everything: Sequence[Candidate], patterns: Sequence[str]) -> list[Candidate]:
@@ -219,13 +219,12 @@ class _Record:
     def add(self, stage: str, values: Row) -> None:
         self.row |= values
         self.finished.append(stage)
-        now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
         write_json(
             self.path,
             {
                 "made_from": self.made_from,
                 "finished": self.finished,
-                "at": now,
+                "at": _now(),
                 "row": self.row,
             },
         )
@@ -385,6 +384,10 @@ class _Work:
             reference = image if reference is None else reference
             check_picture(candidate, image, reference)
         return runs
+
+
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
 
 
 _ERRORS = (

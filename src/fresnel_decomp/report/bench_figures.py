@@ -127,7 +127,16 @@ def _frame(fig: Any, rows: Sequence[Row], title: str, note: str) -> None:
         )  # fmt: skip
     marks += [
         Line2D([], [], color="#1a1a1a", marker="X", lw=0, ms=5, label="other, preintegrable"),
-        Line2D([], [], color="#1a1a1a", marker="p", mfc="white", lw=0, ms=5, label="other, not"),
+        Line2D(
+            [],
+            [],
+            color="#1a1a1a",
+            marker="p",
+            mfc="white",
+            lw=0,
+            ms=5,
+            label="other, not preintegrable",
+        ),
         Line2D([], [], color="#1a1a1a", lw=1.4, label="front, preintegrable"),
         Line2D([], [], color="#8a8a8a", lw=1.0, ls="--", label="front, all"),
     ]
@@ -230,14 +239,13 @@ def _spread(axes: Any, point: _Point, cost: str) -> None:
 
 def _stairs(axes: Any, best: Sequence[_Point], look: dict[str, Any]) -> None:
     """What a budget buys: steps down from each model of a front to the next, on to the right."""
-    xs, ys = [], []
-    for here, following in zip(best, [*best[1:], None], strict=True):
-        end = axes.get_xlim()[1] if following is None else following.x
+    if not best:
+        return
+    xs, ys = [best[0].x], [axes.get_ylim()[1]]
+    ends = [*(point.x for point in best[1:]), axes.get_xlim()[1]]
+    for here, end in zip(best, ends, strict=True):
         xs += [here.x, end]
         ys += [here.y, here.y]
-    if best:
-        xs.insert(0, best[0].x)
-        ys.insert(0, axes.get_ylim()[1])
     axes.plot(xs, ys, **look)
 
 
