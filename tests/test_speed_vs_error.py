@@ -140,29 +140,29 @@ def test_a_run_goes_on_where_it_stopped(measured, tmp_path: Path, monkeypatch):
     again = bench_module.run(quick(), folder)
     assert again.rows == result.rows
     assert done == {path.name: path.stat().st_mtime_ns for path in (folder / "models").iterdir()}
-    # interrupted after the errors of the second model: these stay, the rest is measured
-    from fresnel_decomp.mitsuba import candidates
+    # interrupted between errors and times: errors stay, times are measured
+    from fresnel_decomp.mitsuba import candidates, timing
 
-    counted: list[str] = []
+    settings, checked = quick(models=("exact, wide", "Lazanyi")), []
     check = candidates.check
 
-    def interrupted(candidate: Any) -> float:
-        if len(counted) == 2:
-            raise KeyboardInterrupt
-        counted.append(candidate.name)
-        return check(candidate)
+    def interrupted(*args: Any) -> None:
+        raise KeyboardInterrupt
 
+    monkeypatch.setattr(candidates, "check", lambda c: checked.append(c.name) or check(c))
     with monkeypatch.context() as patch:
-        patch.setattr(candidates, "check", interrupted)
+        patch.setattr(timing, "interleaved_times", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            bench_module.run(quick(models=("exact, wide", "Lazanyi")), tmp_path)
-    files = sorted(path.name for path in (tmp_path / "models").iterdir())
-    assert files == ["exact-wide.json", "mi-fresnel-conductor.json"]
-    with monkeypatch.context() as patch:
-        patch.setattr(candidates, "check", lambda c: counted.append(c.name) or check(c))
-        rows = bench_module.run(quick(models=("exact, wide", "Lazanyi")), tmp_path).rows
-    assert counted == ["mi.fresnel_conductor", "exact, wide", "Lazanyi"]
-    assert all(row["compute_ratio"] for row in rows)
+            bench_module.run(settings, tmp_path)
+    assert checked == ["mi.fresnel_conductor", "exact, wide", "Lazanyi"]
+    records = [json.loads(p.read_text(encoding="utf-8")) for p in (tmp_path / "models").iterdir()]
+    assert [record["finished"] for record in records] == [["errors"]] * 3
+    rows = bench_module.run(settings, tmp_path).rows
+    assert len(checked) == 3
+    for row in rows:
+        assert row["compute_ratio"] > 0.0
+        (kept,) = (r["row"]["d_max"] for r in records if r["row"]["model"] == row["model"])
+        assert row["d_max"] == kept
 
 
 def test_records_of_other_settings_are_not_used(measured, monkeypatch):

@@ -2,8 +2,8 @@
 
 Each model is first compared with an independent answer (`mitsuba.candidates.check`), then judged on
 sets of curves and measured materials by what its kernel evaluates, in float32, and then timed. A
-model's record is written as soon as there is something in it, so that the same command goes on
-where it stopped. `bench_tables` and `bench_figures` make of the records what people read.
+model's record is written after each of these stages, so that the same command goes on where it
+stopped. `bench_tables` and `bench_figures` make of the records what people read.
 
 Times are kernel times relative to those of `mi.fresnel_conductor` (of a BSDF and a picture:
 `roughconductor`). Some models at a time take turns with it, round by round; a ratio is the median
@@ -231,7 +231,7 @@ class _Record:
 
 
 class _Work:
-    """The stages: errors model by model, times group by group."""
+    """The stages, group by group: errors, then times; records as each of the two is there."""
 
     def __init__(
         self, settings: Settings, records: Mapping[str, _Record], progress: Progress
@@ -254,12 +254,13 @@ class _Work:
 
         pending = [c for c in group if "times" not in self.records[c.name].finished]
         self.progress("finished before", len(group) - len(pending))
-        for candidate in pending:
-            record = self.records[candidate.name]
-            if "errors" not in record.finished:
-                distance = check(candidate)  # before anything else
-                record.add("errors", self.identity(candidate, distance) | self.errors(candidate))
-            self.progress(f"errors of {candidate.family}", 0.3)
+        unjudged = [c for c in pending if "errors" not in self.records[c.name].finished]
+        identities = {c.name: self.identity(c, check(c)) for c in unjudged}  # before anything else
+        errors = self.errors(unjudged) if unjudged else {}
+        for candidate in unjudged:
+            row = identities[candidate.name] | errors[candidate.name] | self.colours_of(candidate)
+            self.records[candidate.name].add("errors", row)
+        self.progress(f"errors of {group[-1].family}", 0.3 * len(pending))
         if pending:
             self.times(pending)
 
@@ -284,29 +285,31 @@ class _Work:
             **operation_counts(candidate),
         }
 
-    def errors(self, candidate: Candidate) -> Row:
-        """On every set, and of colours."""
+    def errors(self, group: Sequence[Candidate]) -> dict[str, Row]:
+        """On every set, of what the kernels evaluate."""
+        rows: dict[str, Row] = {candidate.name: {} for candidate in group}
+        for name, members in self.sets.items():
+            able = [c for c in group if name == "a" or not c.dielectric]
+            found = measure(members, models=_kernels(able), exact=_exact, chunk=_CHUNK)
+            for model, row in rows.items():
+                errors = found.get(model)
+                row |= {f"{name}_{error}": getattr(errors, error, None) for error in _ERRORS}
+        return rows
+
+    def colours_of(self, candidate: Candidate) -> Row:
+        """Errors of the colours of measured materials."""
         from ..mitsuba.candidates import reflectances
 
-        row: Row = {}
-        for name, members in self.sets.items():
-            if candidate.dielectric and name != "a":
-                row |= {f"{name}_{error}": None for error in _ERRORS}
-                continue
-            found = measure(members, models=_kernel(candidate), exact=_exact, chunk=_CHUNK)[
-                candidate.name
-            ]
-            row |= {f"{name}_{error}": getattr(found, error) for error in _ERRORS}
         if candidate.store_colour is None:
-            return row | {f"delta_e_{error}": None for error in _COLOUR_ERRORS}
+            return {f"delta_e_{error}": None for error in _COLOUR_ERRORS}
         stored = [candidate.store_colour(material) for material in self.materials]
         columns = [
             np.concatenate([np.asarray(s[i]) for s in stored]) for i in range(len(stored[0]))
         ]
         fit = reflectances(candidate, columns, self.cosines, channels=3)
         fit = fit.reshape(len(stored), 3, -1).swapaxes(1, 2)
-        colours = asdict(colour_errors(list(fit), self.colours))
-        return row | {f"delta_e_{error}": colours[error] for error in _COLOUR_ERRORS}
+        errors = asdict(colour_errors(list(fit), self.colours))
+        return {f"delta_e_{error}": errors[error] for error in _COLOUR_ERRORS}
 
     def times(self, group: Sequence[Candidate]) -> None:
         """Of the models of a group, in turns with the built-in."""
@@ -404,18 +407,14 @@ def _bound(candidate: Candidate, stored: Sequence[Any]) -> Callable[[Any], Any]:
     return lambda cosine: candidate.evaluate(cosine, *stored)
 
 
-def _kernel(candidate: Candidate) -> Callable[[Any], dict[str, Any]]:
-    """As `accuracy.fits`, by what the kernel of a candidate evaluates."""
+def _kernels(group: Sequence[Candidate]) -> Callable[[Any], dict[str, Any]]:
+    """As `accuracy.fits`, by what the kernels of candidates evaluate."""
     from ..mitsuba.candidates import reflectances
 
-    def models(cos_theta: Any) -> dict[str, Any]:
-        return {
-            candidate.name: lambda eta, k: reflectances(
-                candidate, candidate.store(eta, k), cos_theta
-            )
-        }
+    def fit(candidate: Candidate, cos_theta: Any) -> Callable[[Any, Any], Any]:
+        return lambda eta, k: reflectances(candidate, candidate.store(eta, k), cos_theta)
 
-    return models
+    return lambda cos_theta: {candidate.name: fit(candidate, cos_theta) for candidate in group}
 
 
 def _exact(members: Any, cos_theta: Any) -> Any:
