@@ -86,7 +86,8 @@ class Candidate:
         What makes `roughconductor` or `decomposed_conductor` this model of `BERYLLIUM`.
     dielectric : bool
         For k = 0 only.
-    terms, size, storage : of decompositions and their tables
+    terms : of decompositions
+    size, storage : of their tables
     basis : Basis or None
     """
 
