@@ -95,9 +95,8 @@ def front(rows: Sequence[Row], cost: str, error: str, integrates: bool) -> list[
         and row[error] is not None
         and (row["integrates"] or not integrates)
     ]
-    places = pareto_front(
-        [row[cost] for row in among], [row[error] for row in among], cost_slack(rows, cost)
-    )
+    errors = [float(f"{row[error]:.2g}") for row in among]  # to two digits: more is nothing gained
+    places = pareto_front([row[cost] for row in among], errors, cost_slack(rows, cost))
     return [among[place] for place in places]
 
 
