@@ -162,8 +162,8 @@ def run(
     from ..mitsuba.comparison import variant_scope
 
     with variant_scope(settings.variant):
+        from ..machine import machine_facts
         from ..mitsuba.candidates import candidates
-        from ..mitsuba.machine import machine_facts
 
         chosen = _select(candidates(settings.table_sizes), settings.models)
         about = {

@@ -102,7 +102,7 @@ def front(rows: Sequence[Row], cost: str, error: str, integrates: bool) -> list[
 
 def about_line(about: dict[str, Any]) -> str:
     """On what, and how, the times were taken."""
-    from ..mitsuba.machine import describe_machine
+    from ..machine import describe_machine
 
     backend = {"llvm": "CPU (LLVM)", "cuda": "GPU (CUDA)"}[about["backend"]]
     return (

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 import platform
-import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
 
-from .._version import __version__
+from ._version import __version__
 
-__all__ = ["describe_machine", "machine_facts"]
+__all__ = ["describe_machine", "graphics_card", "machine_facts", "processor"]
 
 
 def machine_facts(variant: str) -> dict[str, Any]:
@@ -19,7 +18,7 @@ def machine_facts(variant: str) -> dict[str, Any]:
 
     Examples
     --------
-    >>> from fresnel_decomp.mitsuba.machine import machine_facts
+    >>> from fresnel_decomp.machine import machine_facts
     >>> facts = machine_facts("scalar_rgb")
     >>> facts["backend"], facts["threads"]
     ('scalar', None)
@@ -34,7 +33,7 @@ def machine_facts(variant: str) -> dict[str, Any]:
         "backend": backend,
         "machine": processor(),
         "cpus": os.cpu_count(),
-        "gpu": _gpu() if backend == "cuda" else None,
+        "gpu": graphics_card() if backend == "cuda" else None,
         "threads": dr.thread_count() if llvm else None,
         "llvm": ".".join(map(str, dr.detail.llvm_version() or ())) if llvm else None,
         "mitsuba": mi.__version__,
@@ -63,13 +62,12 @@ def processor() -> str:
     return platform.processor() or platform.machine()
 
 
-def _gpu() -> str:
-    """The name of the first GPU where its driver tells it."""
-    command = shutil.which("nvidia-smi")
-    if command is None:
-        return "a GPU"
-    result = subprocess.run(
-        [command, "--query-gpu=name", "--format=csv,noheader"],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    return result.stdout.strip().partition("\n")[0] or "a GPU"
+def graphics_card() -> str:
+    """Name of the first NVIDIA GPU, which Dr.Jit takes, and of its driver."""
+    query = ["nvidia-smi", "--query-gpu=name,driver_version", "--format=csv,noheader"]
+    try:
+        found = subprocess.run(query, capture_output=True, text=True, check=True, timeout=30)
+        name, driver = found.stdout.splitlines()[0].rsplit(",", 1)
+        return f"{name.strip()}, driver {driver.strip()}"
+    except (OSError, subprocess.SubprocessError, ValueError, IndexError):
+        return "a GPU whose name nvidia-smi does not tell"
