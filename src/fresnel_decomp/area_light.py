@@ -17,9 +17,12 @@ lobe f of a white surface. Three steps make it a formula:
 
        "plain"       Lo = L b̄_0 F(v·h) share
        "normalised"  Lo = L F̄ F(v·h) / F(v·h_all) share
+       "blended"     Lo = L (share F̄ + (1 - share) b̄_0 F(v·h)) share
 
-   h_all belongs to a light all around, for which "normalised" is right: F̄ is what it gives. For
-   small lights both tend to the same up to a factor near 1.
+   "plain" is right for small lights, and so on the average over where they may be, since F̄ is the
+   integral of F over the lobe. For a light all around it is not: F of the mean is not the mean of
+   F. "normalised" is right there, with h_all for the light all around, and off by one factor
+   everywhere else. "blended" is right at both ends.
 
 What each step costs is measured in docs/area_lights.md. Sources are not occluded, and shine to one
 side, or to both.
@@ -34,7 +37,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ._array import Ops, drjit_module, is_drjit, one_kind, ops_for
+from ._array import Ops, drjit_module, floating_type, is_drjit, one_kind, ops_for
 from ._check import InputError, choose, input_error
 from .irradiance import cross, dot, ellipse_irradiance, polygon_irradiance
 from .ltc import Lobe, LobeTable
@@ -43,12 +46,18 @@ from .table import AlbedoTable
 
 __all__ = ["CORRECTIONS", "AreaLight", "AreaMaterial", "Lit", "lit_share", "shade_area_light"]
 
-Correction = Literal["none", "plain", "normalised"]
+Correction = Literal["none", "plain", "normalised", "blended"]
 
-CORRECTIONS = ("none", "plain", "normalised")
+CORRECTIONS = ("none", "plain", "normalised", "blended")
 """What is done about the Fresnel term at the light's half vector."""
 
 _SHAPES = ("rectangle", "disk")
+_NEEDED = {
+    "none": (),
+    "plain": ("fresnel", "white"),
+    "normalised": ("fresnel",),
+    "blended": ("fresnel", "white"),
+}
 _HEAD_ON = 1e-8  # squared sine of the view angle, below which lobes have no direction to be turned
 
 
@@ -113,7 +122,7 @@ class AreaMaterial:
     fresnel : callable (cos_theta) to three channels
         F, for corrections.
     white : callable (mu, alpha) to one number
-        b̄_0, the albedo of a perfect mirror's rough surface, for the plain correction.
+        b̄_0, the albedo of a white surface, for the plain and the blended correction.
     """
 
     albedo: Callable[[Any, Any], Any]
@@ -155,8 +164,19 @@ class AreaMaterial:
             )
 
         def albedo(mu: Any, alpha: Any) -> Any:
-            channels = tuple(table.evaluate(row, mu, alpha) for row in rows)
-            return channels if is_drjit(*channels) else np.stack(channels, axis=-1)
+            functions = table.lookup(mu, alpha)
+            if not is_drjit(mu, alpha):
+                return functions @ np.asarray(rows, functions.dtype).T
+            channels = []
+            for row in rows:
+                weights = _of_one_kind((functions[0], *row))[1:]
+                channels.append(
+                    sum(
+                        (c * b for c, b in zip(weights[1:], functions[1:], strict=True)),
+                        weights[0] * functions[0],
+                    )
+                )
+            return tuple(channels)
 
         def fresnel(cos_theta: Any) -> Any:
             return albedo(cos_theta, 0.0)
@@ -213,6 +233,9 @@ def lit_share(
     ops = ops_for(*numbers)
     if is_drjit(*numbers):
         numbers = _of_one_kind(numbers)
+    else:
+        dtype = floating_type(*numbers)
+        numbers = tuple(np.asarray(number, dtype)[()] for number in numbers)
     position, normal, view, centre, u, v = (numbers[i : i + 3] for i in range(0, 18, 3))
     alpha = numbers[18]
     mu = dot(normal, view)
@@ -325,8 +348,9 @@ def shade_area_light(
     position, normal, view : (..., 3) float arrays, or three Dr.Jit arrays each
         Of the surface. The last two are unit vectors; view points to the viewer.
     alpha : (...) float in [0, 1]
-    correction : {"none", "plain", "normalised"}
-        See the top of this module: "none" for metals, "normalised" for dielectrics.
+    correction : {"none", "plain", "normalised", "blended"}
+        See the top of this module: without any, metals are off by a few percent, dielectrics by up
+        to their own brightness.
 
     Returns
     -------
@@ -351,7 +375,7 @@ def shade_area_light(
     (3,)
     """
     choose("correction", correction, CORRECTIONS)
-    needed = {"none": (), "plain": ("fresnel", "white"), "normalised": ("fresnel",)}[correction]
+    needed = _NEEDED[correction]
     for name in needed:
         if getattr(material, name) is None:
             raise input_error(
@@ -360,16 +384,18 @@ def shade_area_light(
                 "AreaMaterial.from_table has them all.",
             )
     lit = lit_share(light, lobes, position, normal, view, alpha)
+    fresnel: Any = material.fresnel
+    white: Any = material.white
     if correction == "plain":
-        assert material.fresnel is not None
-        assert material.white is not None
-        factor = _times(material.fresnel(lit.cos_half), material.white(lit.mu, alpha))
+        factor = _scaled(fresnel(lit.cos_half), white(lit.mu, alpha))
     else:
         factor = material.albedo(lit.mu, alpha)
     if correction == "normalised":
-        assert material.fresnel is not None
-        here, everywhere = (material.fresnel(c) for c in (lit.cos_half, lit.cos_half_all))
-        factor = _product(factor, _product(here, everywhere, divide=True))
+        everywhere = fresnel(lit.cos_half_all)
+        factor = _by_channel(lambda f, a, b: f * a / b, factor, fresnel(lit.cos_half), everywhere)
+    elif correction == "blended":
+        small = _scaled(fresnel(lit.cos_half), white(lit.mu, alpha) * (1.0 - lit.share))
+        factor = _by_channel(lambda a, b: a + b, _scaled(factor, lit.share), small)
     ops = ops_for(lit.share)
     amount = ops.select(lit.above, lit.share, 0.0 * lit.share)
     if isinstance(factor, tuple):
@@ -377,16 +403,16 @@ def shade_area_light(
     return np.asarray(amount)[..., None] * factor * np.array(light.radiance)
 
 
-def _times(channels: Any, number: Any) -> Any:
+def _scaled(channels: Any, number: Any) -> Any:
     if isinstance(channels, tuple):
         return tuple(channel * number for channel in channels)
     return channels * np.asarray(number)[..., None]
 
 
-def _product(a: Any, b: Any, divide: bool = False) -> Any:
-    if isinstance(a, tuple):
-        return tuple(x / y if divide else x * y for x, y in zip(a, b, strict=True))
-    return a / b if divide else a * b
+def _by_channel(function: Callable[..., Any], *colours: Any) -> Any:
+    if isinstance(colours[0], tuple):
+        return tuple(function(*channels) for channels in zip(*colours, strict=True))
+    return function(*colours)
 
 
 def _triple(name: str, value: Any) -> Any:

@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from ._array import Ops, drjit_module, is_drjit, ops_for
+from ._array import DrJitOps, Ops, drjit_module, is_drjit, ops_for
 from .microfacet import Vector
 
 __all__ = ["cross", "dot", "ellipse_irradiance", "polygon_irradiance"]
@@ -95,6 +95,11 @@ def polygon_irradiance(vertices: Sequence[Vector], planes: Sequence[Vector] = ()
     1.7413
     """
     ops = ops_for(*(c for v in vertices for c in v), *(c for p in planes for c in p))
+    if not isinstance(ops, DrJitOps):  # masks of Python's have another ~
+        vertices, planes = (
+            [(np.asarray(x)[()], np.asarray(y)[()], np.asarray(z)[()]) for x, y, z in vectors]
+            for vectors in (vertices, planes)
+        )
     edges: list[Edge] = list(zip(vertices, [*vertices[1:], vertices[0]], strict=True))
     for plane in planes:
         edges = _clipped(ops, edges, plane)

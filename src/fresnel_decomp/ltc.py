@@ -301,7 +301,7 @@ class LobeTable:
         if not path.is_file():
             raise input_error(f"no file '{path}'", "a table of lobes", "Check the path.")
         try:
-            with np.load(path, allow_pickle=False) as file:
+            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
                 values, description = file["values"], json.loads(str(file["metadata"]))
             if description["kind"] != _KIND:
                 raise ValueError(f"kind '{description['kind']}'")

@@ -34,7 +34,7 @@ class LitMaterial:
     ----------
     material : AreaMaterial
     alpha : float in [0, 1], roughness of GGX
-    correction : {"none", "plain", "normalised"}
+    correction : {"none", "plain", "normalised", "blended"}
         See `area_light`.
 
     Raises
@@ -132,7 +132,7 @@ def lit_by_area(
     turn = mi.ScalarTransform4f().rotate([1, 0, 0], -90.0)
     if shape == "plane":
         thing = {"type": "rectangle", "to_world": turn.scale([20.0, 20.0, 1.0]), "bsdf": bsdf}
-        camera = ([0.0, 1.6, 6.0], [0.0, 0.55, 0.0], 34.0)
+        camera = ([0.0, 3.4, 5.0], [0.0, 0.35, 0.1], 32.0)
     else:
         thing = {"type": "sphere", "center": [0.0, 1.0, 0.0], "radius": 1.0, "bsdf": bsdf}
         camera = ([0.0, 1.6, 6.0], [0.0, 1.0, 0.0], 21.0)
