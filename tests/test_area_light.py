@@ -45,8 +45,8 @@ def summed(points: np.ndarray, count: int = 300) -> np.ndarray:
     total = np.zeros(3)
     t = (np.arange(count) + 0.5) / count
     x, y = np.meshgrid(t, t)
-    for b, c in zip(points[1:], points[2:], strict=False):
-        a = points[0]
+    for i in range(1, len(points) - 1):
+        a, b, c = points[0], points[i], points[i + 1]
         place = a + x[..., None] * (b - a) + (x * y)[..., None] * (c - b)
         area = np.cross(b - a, c - a) * x[..., None] / count**2
         square = (place**2).sum(axis=-1, keepdims=True)
@@ -278,7 +278,7 @@ def test_drjit_and_gradients(gold: AreaMaterial, backend: str, shape) -> None:
 def test_input_that_is_refused(gold: AreaMaterial) -> None:
     with pytest.raises(InputError, match="shape='sphere' is unknown"):
         AreaLight("sphere", [0, 0, 0], [1, 0, 0], [0, 1, 0])  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="centre: .*last axis"):
+    with pytest.raises(InputError, match=r"centre: .*last axis"):
         AreaLight("disk", [0, 0], [1, 0, 0], [0, 1, 0])
     light = AreaLight("disk", [0, 0, 1], [0, 1, 0], [1, 0, 0])
     place = [0, 0, 0], [0, 0, 1], [0, 0, 1]

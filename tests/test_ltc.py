@@ -97,7 +97,7 @@ def test_what_ships_is_what_the_fit_gives(column: int) -> None:
 
 
 def test_lobes_between_texels() -> None:
-    """Interpolation costs little beside the fit: the wrong share at midpoints, against a new fit."""
+    """Interpolation costs little beside the fit: the wrong share there, against a new fit."""
     table = load_lobes()
     for mu, alpha in ((0.553, 0.31), (0.304, 0.11), (0.985, 0.2)):
         samples = lobe_samples(mu, alpha)

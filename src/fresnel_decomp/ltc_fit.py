@@ -5,15 +5,13 @@ For each view angle and roughness, the four numbers of a `Lobe` are those that m
     ∫ (f - D)² / (f + D) dw,
 
 f being the lobe of a white surface over its own integral. This measure lies between the squared
-error, which sees little but the peak, and the absolute one; against either, and against the cube
-that Heitz et al. 2016 minimise, integrals over random lights come out closer (see
-docs/area_lights.md).
+error, which sees little but the peak, and the absolute one.
 
-The integral is a sum over two sets of directions, mirrored at visible normals and uniform over the
-hemisphere, weighted by the sum of their densities (balance heuristic): the first resolves the
-peak, the second what D may have where f has nothing. Directions are those of a fixed lattice, so
-the fit is deterministic. Columns of a table are fitted from rough to smooth, each from the one
-before; columns know nothing of one another.
+The integral is a sum over two sets of directions, mirrored at visible normals and spread from the
+mirror direction over the hemisphere, weighted by the sum of their densities (balance heuristic):
+the first resolves the peak, the second what D may have where f has nothing. Directions are those of
+a fixed lattice, so the fit is deterministic. Columns of a table are fitted from rough to smooth,
+each from the one before; columns know nothing of one another.
 """
 
 from __future__ import annotations
