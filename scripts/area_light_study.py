@@ -184,7 +184,7 @@ def draw_object(results: Results, folder: Path, name: str, path: Path) -> None:
     block = 3 * (side + gap) + middle
     limit = 0.3
     with style.styled():
-        page = Page(left + len(ALPHAS) * block, top + len(rows) * (side + below) + 0.45)
+        page = Page(left + len(ALPHAS) * block, top + len(rows) * (side + below) + 0.56)
         shown_map: Any = None
         for row, (material, shape) in enumerate(rows):
             y = top + row * (side + below)
@@ -230,7 +230,7 @@ _SHOWN_ROWS = {("Be", "disk"), ("Au", "rectangle"), ("Al", "disk"), ("Au", "disk
 FIGURE = Figure(
     name=NAME,
     title="Area lights by linearly transformed cosines against path tracing",
-    minutes=8.0,
+    minutes=13.0,
     compute=compute,
     draw=draw,
     pictures=("area_lights_errors.png", *(f"area_lights_{name}.png" for name in OBJECTS)),
