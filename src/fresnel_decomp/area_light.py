@@ -139,7 +139,7 @@ class AreaMaterial:
         ----------
         table : AlbedoTable
             Of a `Basis`; separable or correlated as the lobes are.
-        coefficients : (3, terms) float, or three sequences of Dr.Jit arrays
+        coefficients : (3, n) float, or three sequences of n Dr.Jit arrays
 
         Raises
         ------
