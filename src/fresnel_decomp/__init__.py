@@ -14,6 +14,7 @@ from ._version import __version__
 
 if TYPE_CHECKING:
     from . import albedo as albedo
+    from . import area_light as area_light
     from . import basis as basis
     from . import basis_table as basis_table
     from . import closed_form as closed_form
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from . import extraction as extraction
     from . import fresnel as fresnel
     from . import images as images
+    from . import ltc as ltc
     from . import microfacet as microfacet
     from . import mitsuba as mitsuba
     from . import models as models
