@@ -20,7 +20,7 @@ stored as it is, but by what remains of it when its known part is taken out,
 where Rot turns the mirror direction to the normal. For alpha -> 0 a GGX lobe *is* a linearly
 transformed cosine, with n0 = n3 = 1, n1 = 0: its density over slopes, 1/(pi (1 + t²)²), is that of
 a cosine over the tangent plane. n0 ... n3 are smooth, bounded, and even in the view angle, so that
-few texels hold them. docs/area_lights.md measures what either is worth.
+few texels hold them.
 """
 
 from __future__ import annotations
