@@ -92,7 +92,7 @@ def polygon_irradiance(vertices: Sequence[Vector], planes: Sequence[Vector] = ()
 
     >>> square = [(-1.0, -1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, 1.0), (-1.0, 1.0, 1.0)]
     >>> round(float(-polygon_irradiance(square[::-1])[2]), 4)
-    1.7413
+    1.7408
     """
     ops = ops_for(*(c for v in vertices for c in v), *(c for p in planes for c in p))
     if not isinstance(ops, DrJitOps):  # masks of Python's have another ~

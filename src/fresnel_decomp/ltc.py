@@ -147,8 +147,8 @@ class Lobe:
 
         Examples
         --------
-        >>> lobe = load_lobes().lobe(mu=1.0, alpha=1.0)
-        >>> bool(lobe.density((0.0, 0.0, 1.0)) > 0.5)
+        >>> lobe = load_lobes().lobe(mu=1.0, alpha=0.1)
+        >>> bool(lobe.density((0.0, 0.0, 1.0)) > 5.0)
         True
         """
         ops = ops_for(*self.inverse, *direction)
