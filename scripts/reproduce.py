@@ -14,6 +14,7 @@ from pathlib import Path
 
 import click
 
+import area_light_study
 import fig01a_basis
 import fig01b_beryllium
 import fig01c_roughness
@@ -50,6 +51,7 @@ FIGURES = {
         split_sum_study,
         table_study,
         principled_study,
+        area_light_study,
     )
 }
 

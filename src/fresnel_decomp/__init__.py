@@ -14,6 +14,7 @@ from ._version import __version__
 
 if TYPE_CHECKING:
     from . import albedo as albedo
+    from . import area_light as area_light
     from . import basis as basis
     from . import basis_table as basis_table
     from . import closed_form as closed_form
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from . import extraction as extraction
     from . import fresnel as fresnel
     from . import images as images
+    from . import ltc as ltc
     from . import microfacet as microfacet
     from . import mitsuba as mitsuba
     from . import models as models
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     from . import table as table
     from ._check import InputError
     from .albedo import directional_albedo
+    from .area_light import AreaLight, AreaMaterial, shade_area_light
     from .basis import Basis, FitError, extract_basis, load_basis
     from .basis_table import BasisTable
     from .closed_form import ClosedForm
@@ -48,6 +51,7 @@ if TYPE_CHECKING:
         refracted_cosine,
         transmittance,
     )
+    from .ltc import LobeTable, load_lobes
     from .models import F82, Decomposition, Exact, Gulbrandsen, Lazanyi, Schlick, model_from_ior
     from .parametrization import (
         f0_from_ior,
@@ -62,6 +66,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "_check": ["InputError"],
     "albedo": ["directional_albedo"],
+    "area_light": ["AreaLight", "AreaMaterial", "shade_area_light"],
     "basis": ["Basis", "FitError", "extract_basis", "load_basis"],
     "basis_table": ["BasisTable"],
     "closed_form": ["ClosedForm"],
@@ -77,6 +82,7 @@ _HOMES = {
         "refracted_cosine",
         "transmittance",
     ],
+    "ltc": ["LobeTable", "load_lobes"],
     "models": [
         "F82",
         "Decomposition",
@@ -103,6 +109,8 @@ __all__ = [
     "F82",
     "RECIPES",
     "AlbedoTable",
+    "AreaLight",
+    "AreaMaterial",
     "Basis",
     "BasisTable",
     "ClosedForm",
@@ -116,6 +124,7 @@ __all__ = [
     "InputError",
     "Lazanyi",
     "LinearTint",
+    "LobeTable",
     "Loss",
     "Material",
     "MetallicBase",
@@ -136,12 +145,14 @@ __all__ = [
     "linear_to_srgb",
     "list_materials",
     "load_basis",
+    "load_lobes",
     "load_material",
     "model_from_ior",
     "polarized",
     "reflectance_components",
     "refracted_cosine",
     "rgb_weights",
+    "shade_area_light",
     "transmittance",
 ]
 

@@ -362,6 +362,8 @@ class VisibleSurface:
         Index into `names`, -1 where nothing is seen.
     names : tuple of str
         Of the shapes of the scene.
+    position : vectors
+        Of the surface; anything where nothing is seen.
     """
 
     size: tuple[int, int]
@@ -370,6 +372,7 @@ class VisibleSurface:
     view: Any
     shape: Any
     names: tuple[str, ...]
+    position: Any
 
     def coverage(self) -> np.ndarray:
         """(height, width) float64: the share of each pixel's samples that see a shape."""
@@ -421,10 +424,11 @@ def visible_surface(scene: Any, spp: int = 16, seed: int = 0) -> VisibleSurface:
     shapes = scene.shapes()
     names = tuple(shape.id() for shape in shapes)
     trace = _trace_one_by_one if str(mi.variant()).startswith("scalar") else _trace
-    return VisibleSurface((width, height), spp, *trace(scene, sensor, position, shapes), names)
+    normal, view, index, place = trace(scene, sensor, position, shapes)
+    return VisibleSurface((width, height), spp, normal, view, index, names, place)
 
 
-def _trace(scene: Any, sensor: Any, position: np.ndarray, shapes: Any) -> tuple[Any, Any, Any]:
+def _trace(scene: Any, sensor: Any, position: np.ndarray, shapes: Any) -> tuple[Any, ...]:
     import drjit as dr
     import mitsuba as mi
 
@@ -435,26 +439,26 @@ def _trace(scene: Any, sensor: Any, position: np.ndarray, shapes: Any) -> tuple[
     for i, shape in enumerate(shapes):
         seen = si.is_valid() & (si.shape == mi.ShapePtr(shape))
         index = dr.select(seen, i, index)
-    normal, view = mi.Vector3f(si.sh_frame.n), -ray.d
-    dr.eval(normal, view, index)
-    return normal, view, index
+    normal, view, place = mi.Vector3f(si.sh_frame.n), -ray.d, mi.Vector3f(si.p)
+    dr.eval(normal, view, index, place)
+    return normal, view, index, place
 
 
 def _trace_one_by_one(
     scene: Any, sensor: Any, position: np.ndarray, shapes: Any
-) -> tuple[Any, Any, Any]:
+) -> tuple[Any, ...]:
     import mitsuba as mi
 
-    normal, view = np.zeros((2, len(position), 3))
+    normal, view, place = np.zeros((3, len(position), 3))
     index = np.full(len(position), -1)
     for i, (x, y) in enumerate(position.tolist()):
         ray, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))
         si = scene.ray_intersect(ray)
         view[i] = -np.array(ray.d)
         if si.is_valid():
-            normal[i] = np.array(si.sh_frame.n)
+            normal[i], place[i] = np.array(si.sh_frame.n), np.array(si.p)
             index[i] = next((j for j, shape in enumerate(shapes) if shape == si.shape), -1)
-    return normal, view, index
+    return normal, view, index, place
 
 
 def render_split_sum(
@@ -487,8 +491,6 @@ def render_split_sum(
     InputError
         If a shape has no material.
     """
-    import mitsuba as mi
-
     named: list[tuple[Any, SplitMaterial]]
     if isinstance(materials, SplitMaterial):
         named = [(surface.shape >= 0, materials)]
@@ -500,18 +502,25 @@ def render_split_sum(
     if background:
         away = -surface.view
         sky = light.lookup(away, type(away[0])(0.0) if vectorised else 0.0)
-        colour = _where(surface.shape < 0, sky, colour)
+        colour = where(surface.shape < 0, sky, colour)
     for seen, material in named:
         lit = shade(light, material.albedo, surface.normal, surface.view, material.alpha)
-        colour = _where(seen, lit, colour)
+        colour = where(seen, lit, colour)
+    return averaged(surface, colour)
+
+
+def averaged(surface: VisibleSurface, colour: Any) -> Any:
+    """The picture of colours of all samples, as `render_split_sum` returns it."""
+    import mitsuba as mi
+
     width, height = surface.size
-    if not vectorised:
+    if not is_drjit(surface.normal):
         pixels = colour.reshape(height, width, surface.spp, 3).mean(axis=2)
         return mi.TensorXf(np.ascontiguousarray(pixels, np.float32))
     return _picture(colour, (height, width), surface.spp)
 
 
-def _where(mask: Any, first: Any, second: Any) -> Any:
+def where(mask: Any, first: Any, second: Any) -> Any:
     if not is_drjit(mask):
         return np.where(mask[:, None], first, second)
     dr = drjit_module()
