@@ -97,7 +97,7 @@ _HOMES = {
     "table": ["AlbedoTable"],
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
-_SUBMODULES = {"doctor", "images", "microfacet", "mitsuba", *_HOMES} - {"_check"}
+_SUBMODULES = {"doctor", "images", "microfacet", "mitsuba", "notebook", *_HOMES} - {"_check"}
 
 __all__ = [
     "F82",
