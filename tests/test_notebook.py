@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fresnel_decomp import InputError, notebook
+from fresnel_decomp import InputError, doctor, notebook
 from fresnel_decomp.report import style
 
 ROOT = Path(__file__).parent.parent
@@ -214,7 +214,7 @@ class TestText:
 
 
 def test_there_are_notebooks():
-    assert len(NOTEBOOKS) >= 1
+    assert len(NOTEBOOKS) >= 6
     pages = {page.stem for page in (ROOT / "docs" / "notebooks").glob("*.md")}
     assert pages == {path.stem for path in NOTEBOOKS}
 
@@ -222,7 +222,7 @@ def test_there_are_notebooks():
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_runs(path: Path, tmp_path: Path):
-    """Without an error or a word on stderr, and with pictures."""
+    """Without an error, a warning or a word of advice, and with pictures."""
     nbclient = pytest.importorskip("nbclient")
     jupytext = pytest.importorskip("jupytext")
     pytest.importorskip("ipykernel")
@@ -233,4 +233,5 @@ def test_runs(path: Path, tmp_path: Path):
     ).execute()
     outputs = [output for cell in executed.cells for output in cell.get("outputs", ())]
     assert sum("image/png" in output.get("data", ()) for output in outputs) >= 3
-    assert [output.text for output in outputs if output.get("name") == "stderr"] == []
+    told = [output.text for output in outputs if output.get("name") == "stderr"]
+    assert told == [] or doctor.best_variant().startswith("scalar")  # which is told
