@@ -20,7 +20,7 @@
 
 # %%
 # Is the package missing, as in Colab? Clone its repository and run %pip install PATH_TO_CLONE
-from fresnel_decomp.notebook import fast, fd, mi, np, plt, style
+from fresnel_decomp.notebook import fast, fd, mi, np, plt, show, style
 
 print(mi.variant())
 
@@ -185,7 +185,17 @@ if fast:
     nanoseconds = 1e6 * np.median(times["exact"]) / (8 * len(cosines))
     print(f"exact: {nanoseconds:.2f} ns a colour; the others relative to it")
     for name, (ratio, spread) in ratios.items():
-        print(f"{name:20} {ratio:.2f} ± {spread:.2f}")
+        print(f"{name:21} {ratio:.2f} ± {spread:.2f}")
+    fig, ax = plt.subplots(figsize=(6.5, 2.8), layout="constrained")
+    names, bars = list(ratios)[::-1], list(ratios.values())[::-1]
+    ax.barh(
+        names, [ratio for ratio, _ in bars], xerr=[spread for _, spread in bars], color="#0072b2"
+    )
+    ax.axvline(1.0, color="k", lw=0.8)
+    ax.set(xlabel="time of a colour relative to the exact equations")
+    ax.grid(axis="y", visible=False)
+    ax.set_axisbelow(True)
+    plt.show()
 else:
     print("kernels need an LLVM or CUDA variant")
 
@@ -198,11 +208,12 @@ else:
 # In a path tracer the Fresnel term is a small part of a BSDF, and that a small part of a picture.
 
 # %%
-size, spp = (96, 16) if fast else (16, 4)
+size, spp = (128, 16) if fast else (24, 4)
 bsdfs = fd.mitsuba.comparison.model_bsdfs(eta, k, ("exact", "decomposition", "schlick"))
 pictures = fd.mitsuba.timing.kernel_times(bsdfs, size=size, spp=spp)
 for name, t in pictures.items():
     print(f"{name:14} {t.ratio:.2f} ± {t.spread:.2f} of exact ({t.median_ms:.1f} ms, {t.clock})")
+show(fd.mitsuba.comparison.render_bsdfs(bsdfs, size=size, spp=4 * spp), width=7)
 
 # %% [markdown]
 # ## 4. Time of an average
@@ -232,6 +243,16 @@ found = {
 }
 for name, values in found.items():
     print(f"{name}: largest error {np.abs(values.T - truth).max():.4f}")
+views = np.linspace(0.0, 1.0, 201)
+fig, ax = plt.subplots(figsize=(5, 2.8), layout="constrained")
+for roughness, colour in ((0.05, "tab:blue"), (0.3, "tab:orange"), (0.8, "tab:green")):
+    curve = fd.directional_albedo(fd.Exact(eta[0], k[0]), views, roughness)
+    ax.plot(views, curve, color=colour, lw=3, alpha=0.4, label=f"$\\alpha$ = {roughness}")
+    ax.plot(views, table.lookup(views, roughness) @ c[0], "k--", lw=1)
+    ax.plot(views, schlick(views, roughness)[:, 0], "k:", lw=1)
+ax.set(title="averages: exact, four terms (dashed), Schlick (dotted)", xlabel="$\\mu$")
+ax.legend()
+plt.show()
 if fast:
     views, roughnesses = (mi.Float(v.astype(np.float32)) for v in (mu, alpha))
     etas, ks = constants(eta), constants(k)
