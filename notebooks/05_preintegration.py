@@ -83,8 +83,9 @@ plt.show()
 # %% [markdown]
 # ## 3. The texture
 #
-# $\bar b_0 \dots \bar b_3$ in the four channels of 64 × 64 texels: $\sqrt\mu$ from left to right,
-# perceptual roughness $\sqrt\alpha$ downwards. It is baked in a fraction of a second.
+# $\bar b_0, \bar b_1, \bar b_2, \bar b_3$ in the four channels of 64 × 64 texels: $\sqrt\mu$ from
+# left to right, perceptual roughness $\sqrt\alpha$ downwards. It is baked in a fraction of a
+# second.
 
 # %%
 import time  # noqa: E402
