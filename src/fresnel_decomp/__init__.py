@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from . import microfacet as microfacet
     from . import mitsuba as mitsuba
     from . import models as models
+    from . import notebook as notebook
     from . import parametrization as parametrization
     from . import representations as representations
     from . import spectra as spectra
