@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from . import microfacet as microfacet
     from . import mitsuba as mitsuba
     from . import models as models
+    from . import notebook as notebook
     from . import parametrization as parametrization
     from . import representations as representations
     from . import spectra as spectra
@@ -103,7 +104,7 @@ _HOMES = {
     "table": ["AlbedoTable"],
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
-_SUBMODULES = {"doctor", "images", "microfacet", "mitsuba", *_HOMES} - {"_check"}
+_SUBMODULES = {"doctor", "images", "microfacet", "mitsuba", "notebook", *_HOMES} - {"_check"}
 
 __all__ = [
     "F82",

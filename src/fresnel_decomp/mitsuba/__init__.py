@@ -1,9 +1,14 @@
 """The decomposition in Mitsuba 3: BSDF plugins `decomposed_conductor`, `decomposed_principled`.
 
-Importing this package loads Mitsuba but sets no variant. Inside it, `mi` is the renderer.
+Importing this package loads Mitsuba but sets no variant. Its modules are loaded on first use, so
+that `fresnel_decomp.mitsuba.scenes` needs no import of its own. Inside it, `mi` is the renderer.
 """
 
 from __future__ import annotations
+
+import importlib
+import pkgutil
+from typing import Any
 
 import mitsuba as mi
 
@@ -12,6 +17,17 @@ from .._check import input_error
 __all__ = ["register"]
 
 _registered: set[str] = set()
+_MODULES = {module.name for module in pkgutil.iter_modules(__path__)}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return importlib.import_module(f".{name}", __name__)
+    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_MODULES})
 
 
 def register() -> None:

@@ -231,7 +231,11 @@ def _three(name: str, value: ArrayLike) -> np.ndarray:
 
 
 def integrated_albedo(
-    curve: Callable[[Any], Any], alpha: float, smith: Smith = "separable"
+    curve: Callable[[Any], Any],
+    alpha: float,
+    smith: Smith = "separable",
+    *,
+    cosines: int = _COSINES,
 ) -> SplitAlbedo:
     """Albedo of any curve at one roughness, by `directional_albedo` at 1,025 cosines.
 
@@ -242,6 +246,8 @@ def integrated_albedo(
     alpha : float ≥ 0
         The result is for this roughness, whatever it is called with.
     smith : {"separable", "correlated"}
+    cosines : int ≥ 2
+        Between them the albedo is interpolated; 65 are enough for a preview, and quick.
 
     Returns
     -------
@@ -250,17 +256,17 @@ def integrated_albedo(
     Raises
     ------
     InputError
-        For other roughnesses and conventions.
+        For other roughnesses, conventions and numbers of cosines.
     """
     if not is_real(alpha, 0.0, sys.float_info.max):
         raise input_error(
             f"alpha={alpha!r}", "a finite number ≥ 0", "It is the square of the perceptual."
         )
-    root = np.linspace(0.0, 1.0, _COSINES)
+    layout = Layout(cosines, 2)
+    root = np.linspace(0.0, 1.0, layout.width)
     values = directional_albedo(
         lambda cos_theta: curve(cos_theta[..., None]), root * root, float(alpha), smith=smith
     )
-    layout = Layout(_COSINES, 2)
     table = AlbedoTable(np.stack([values, values]), layout, smith)  # both rows alike
     return SplitAlbedo(table, np.eye(3))
 
