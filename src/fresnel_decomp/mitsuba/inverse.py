@@ -452,6 +452,7 @@ class _Run:
         self.observed.weigh(seen[0] - seen[1], self.observed.values - seen.mean(axis=0))
         newton, errors, alpha_error = self._local(seen, columns, halves[2], visible, x)
         far = np.any(np.abs(newton) > 4.0 * errors + 0.02)
+        errors = np.hypot(errors, newton)  # what the descent left undone is unknown too
         message = ""
         if not found.converged:
             message = "Not converged: raise iterations, or start elsewhere."
