@@ -118,16 +118,21 @@ def loss_and_gradient(
         parameters.update()
         integrator = mi.load_dict({"type": "prb", **images.integrators[i]})
         own = derived_seed(seed, i)
-        other = own if shared_samples else derived_seed(seed, i, 1)
-        image = mi.render(
-            scene, parameters, integrator=integrator, spp=spp, seed=own, seed_grad=other
-        )
+        other = derived_seed(seed, i, 1)
         shape = (height, width, 3)
         target = mi.TensorXf(observed.values[pixels].reshape(shape).astype(np.float32))
         weight = mi.TensorXf((scale * observed.weight[pixels]).reshape(shape).astype(np.float32))
-        loss = dr.sum(weight * dr.square(image - target), axis=None)
-        dr.backward(loss)
-        total += float(np.array(dr.detach(loss), np.float64).sum())
+        seeds = (other, own) if shared_samples else (own, other)
+        image = mi.render(
+            scene, parameters, integrator=integrator, spp=spp, seed=seeds[0], seed_grad=seeds[1]
+        )
+        seen = dr.detach(image)
+        if shared_samples:  # Mitsuba refuses equal seeds, for the bias's sake
+            with dr.suspend_grad():
+                seen = mi.render(scene, integrator=integrator, spp=spp, seed=own)
+        error = seen - target
+        dr.backward(dr.sum(2.0 * weight * error * image, axis=None))
+        total += float(np.sum(np.array(weight * dr.square(error), np.float64)))
         images.samples += 3 * spp * width * height  # the image, its replay, and its derivative
         for name in names:
             part = np.array(dr.grad(leaves[name]), np.float64).reshape(gradient[name].shape)
