@@ -33,6 +33,9 @@ __all__ = [
 _DEAD = 1e-7
 """Eigenvalue of the scaled normal matrix, whose diagonal is 1, at which a direction is unknown."""
 
+_MOSTLY = 0.1
+"""Squared cosine between a parameter and unknown directions from which nothing is known of it."""
+
 PRIOR_DEVIATION = 12.0**-0.5
 """Standard deviation of a number that may be anything from 0 to 1. A reflectance, or an edge tint,
 is called identified if the images know it better than this."""
@@ -152,8 +155,7 @@ def least_squares(
     r = y - o - J @ x
     scores = 0.5 * w[:, None] * (a * r[1][:, None] + b * r[0][:, None])
     covariance = pseudo @ (scores.T @ scores) @ pseudo * (m / max(m - n, 1))
-    unknown = (vectors[:, ~known] ** 2).sum(axis=1) > 1e-6
-    covariance[np.diag_indices(n)] = np.where(unknown, np.inf, np.diag(covariance))
+    covariance = _with_unknown(covariance, scale[:, None] * vectors[:, ~known])
     free = x
     # what is unknown costs next to nothing to move
     root = np.sqrt(np.where(known, values, 1e-9))[:, None] * vectors.T / scale
@@ -163,6 +165,16 @@ def least_squares(
             x = nearest_feasible(root, x, G, h)
             r = y - o - J @ x
     return Solution(x, covariance, normal, r.mean(axis=0), float(w @ (r[0] * r[1])), free, root)
+
+
+def _with_unknown(covariance: Array, directions: Array) -> Array:
+    """Add what is unknown along `directions` (n, q): of order one, infinite where it rules."""
+    length = np.linalg.norm(directions, axis=0)
+    share = np.sum((directions / np.where(length > 0.0, length, 1.0)) ** 2, axis=1)
+    variance = np.diag(covariance) + share
+    result = covariance.copy()
+    result[np.diag_indices(len(share))] = np.where(share > _MOSTLY, np.inf, variance)
+    return result
 
 
 def nearest_feasible(root: ArrayLike, x: ArrayLike, G: ArrayLike, h: ArrayLike) -> Array:
@@ -373,6 +385,5 @@ def fit_curve_parameters(
         spread = gain @ np.asarray(covariance, np.float64) @ gain.T
     else:
         spread = np.full((2, 2), np.inf)
-    unknown = (axes[:, ~known] ** 2).sum(axis=1) > 1e-6
-    spread[np.diag_indices(2)] = np.where(unknown, np.inf, np.diag(spread))
+    spread = _with_unknown(spread, scale[:, None] * axes[:, ~known])
     return CurveFit(p, spread, float(2.0 * best.cost))

@@ -76,7 +76,7 @@ class Recovered:
         Infinite where the images say nothing. Roughness that was given has 0.
     identified : dict
         (3,) bool by name: whether the images know more than the parameter's range does.
-    coefficients : (3, terms) float
+    coefficients : (3, n) float
         Of the decomposed curves.
     alpha : float
     residual : float
@@ -258,7 +258,7 @@ def recover(
     >>> image = render_scene(mi.load_dict(scene(gold)), spp=64, seed=1)
     >>> result = recover(image, scene, alpha=0.1, spp=32)
     >>> result.converged, result.values["f0"].round(1)
-    (True, array([0.9, 0.8, 0.4]))
+    (True, array([1. , 0.8, 0.3]))
     """
     choose("parameters", parameters, KINDS)
     choose("route", route, ROUTES)

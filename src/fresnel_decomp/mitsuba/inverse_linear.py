@@ -113,7 +113,7 @@ def linearise(
     nodes : bool
         Whether x are reflectances at 0° and the nodes instead of coefficients.
     at : (n, 3) float, optional
-        Where to linearise; without it, between black and one basis function after the other.
+        Where to linearise; without it, between black, white, and white with one more function.
     """
     terms = images.basis.terms
     a, M = node_map(images.basis) if nodes else (np.zeros(terms), np.eye(terms))
@@ -122,9 +122,10 @@ def linearise(
         own = derived_seed(seed, half)
         if at is None:
             black = images.render(np.zeros((terms, 3)), alpha, spp, own)
-            hot = [
-                images.render(np.repeat(row[:, None], 3, axis=1), alpha, spp, own) - black
-                for row in np.eye(terms)
+            white = images.render(_white(terms), alpha, spp, own)
+            # beside white, as scalar variants drop negative samples
+            hot = [white - black] + [
+                images.render(_white(terms, i), alpha, spp, own) - white for i in range(1, terms)
             ]
             B = np.stack(hot, axis=-1)
             offset = black + B @ a
@@ -135,6 +136,13 @@ def linearise(
         offsets.append(offset)
         columns.append(B @ M)
     return Linearised(np.stack(offsets), np.stack(columns))
+
+
+def _white(terms: int, hot: int = 0) -> Array:
+    """Coefficients (terms, 3) of F = 1, or of 1 + b_hot."""
+    c = np.zeros((terms, 3))
+    c[[0, hot]] = 1.0
+    return c
 
 
 def solve(
