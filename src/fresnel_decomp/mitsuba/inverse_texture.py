@@ -45,7 +45,8 @@ class RecoveredTexture:
     standard_errors : the same shape
         Of the posterior: no texel is less known than its neighbours and the prior make it.
     identified : (height, width) bool
-        Whether the images halve at least what the prior leaves open, in all numbers.
+        Whether the texel, or its region, is seen on a pixel or more, and the images halve at least
+        what the prior leaves open, in all numbers.
     seen : (height, width) float
         Pixels that the texel covers, in all images together.
     residual, noise : float
@@ -199,12 +200,14 @@ def recover_texture(
     expected = 1.0 / observed.weight[inside]
     if observed.known_noise is None:
         expected = expected * np.median(residual**2 / expected) / 0.455
-    known = np.all(errors < 0.5 * PRIOR_DEVIATION, axis=(1, 2))
+    seen = np.asarray(shares.sum(axis=0)).ravel()
+    of_group = np.bincount(groups, seen)[groups]
+    known = np.all(errors < 0.5 * PRIOR_DEVIATION, axis=(1, 2)) & (of_group >= 1.0)
     return RecoveredTexture(
         x.reshape(grid),
         errors.reshape(grid),
         known.reshape(height, width),
-        np.asarray(shares.sum(axis=0)).reshape(height, width),
+        seen.reshape(height, width),
         float(np.sqrt(np.mean(residual**2))) / size,
         float(np.sqrt(np.mean(expected))) / size,
         float(alpha),
