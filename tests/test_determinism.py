@@ -81,7 +81,23 @@ SEEDED: dict[str, Callable[[int], Any]] = {
 }
 """A call for every public function with a seed, and what comes of it."""
 
+RECOVER = "hands its seed to `mi.render`; test_inverse tries `recover` and `recover_texture` twice"
+
 ELSEWHERE = {
+    "mitsuba.inverse.recover": RECOVER,
+    "mitsuba.inverse_gradient.descend": RECOVER,
+    "mitsuba.inverse_gradient.loss_and_gradient": RECOVER,
+    "mitsuba.inverse_images.Images.derivative": RECOVER,
+    "mitsuba.inverse_images.Images.render": RECOVER,
+    "mitsuba.inverse_images.Images.roughness_derivative": RECOVER,
+    "mitsuba.inverse_images.derived_seed": RECOVER,
+    "mitsuba.inverse_linear.calibrate": RECOVER,
+    "mitsuba.inverse_linear.linearise": RECOVER,
+    "mitsuba.inverse_linear.refine_roughness": RECOVER,
+    "mitsuba.inverse_linear.search_roughness": RECOVER,
+    "mitsuba.inverse_linear.solve_images": RECOVER,
+    "mitsuba.inverse_texture.recover_texture": RECOVER,
+    "mitsuba.inverse_texture.texel_shares": RECOVER,
     "mitsuba.timing.kernel_times": "what it returns are times; it renders with render_bsdfs' seeds",
     "mitsuba.workloads.directions": "only for variants with arrays; test_timing tries it",
     "mitsuba.workloads.random_cosines": "only for variants with arrays; test_timing tries it",

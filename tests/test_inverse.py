@@ -214,6 +214,8 @@ def test_two_metals(variant: str) -> None:
     assert np.median(error / result.standard_errors[..., 0]) < 1.5
     known = recover_texture(images, setups, mask.shape, alpha=0.1, regions=mask, spp=64)
     assert np.abs(known.nodes[..., 0] - truth).max() < 0.01
+    again = recover_texture(images, setups, mask.shape, alpha=0.1, regions=mask, spp=64)
+    assert np.array_equal(known.nodes, again.nodes)
 
 
 # --- gradients -----------------------------------------------------------------------------------
