@@ -3,7 +3,9 @@
 A *material* is a set of parameters that determines reflectance: `Indices` (eta, k), `Gulbrandsen`
 (r, g), `NodeColours` (f0, f1, ...) or `Coefficients` (c0, c1, ...). A *term* (`Exact`, `Schlick`,
 `F82`, `Decomposition`) says which numbers it needs of a material (`project`, done once, on flat
-arrays) and evaluates them at a shading point (calling it, per channel).
+arrays) and evaluates them at a shading point (calling it, per channel). For integrals it names
+functions b_0 = 1, b_1, ... of the cosine (`functions`) and the numbers as coefficients of these
+(`coefficients`).
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
+import numpy as np
 
 from .._check import input_error
 from .._schlick import bend_factor, bent_schlick, schlick
@@ -98,14 +101,25 @@ class Material:
 
 
 class Exact:
-    """Mitsuba's own exact Fresnel equations, as in the built-in `roughconductor`."""
+    """Mitsuba's own exact Fresnel equations, as in the built-in `roughconductor`.
+
+    For integrals they are projected onto a basis, at every shading point.
+    """
 
     project = staticmethod(Material.indices)
+
+    def __init__(self, basis: Basis) -> None:
+        self.basis = basis
+        self.functions = basis.closed_form
 
     def __call__(self, cos_theta: Any, eta: Any, k: Any) -> Any:
         channels = zip(eta, k, strict=True)
         values = [mi.fresnel_conductor(cos_theta, mi.Complex2f(*index)) for index in channels]
         return mi.UnpolarizedSpectrum(values if len(values) > 1 else values[0])
+
+    def coefficients(self, eta: Any, k: Any) -> Sequence[Any]:
+        f0, *nodes = (self(float(np.cos(t)), eta, k) for t in (0.0, *self.basis.nodes))
+        return self.basis.coefficients_from_reflectance(f0, nodes)
 
 
 class Schlick:
@@ -117,6 +131,14 @@ class Schlick:
 
     def __call__(self, cos_theta: Any, f0: Any) -> Any:
         return schlick(f0, cos_theta)
+
+    @staticmethod
+    def functions(cos_theta: np.ndarray) -> np.ndarray:
+        return np.stack([1.0 + 0.0 * cos_theta, (1.0 - cos_theta) ** 5], axis=-1)
+
+    @staticmethod
+    def coefficients(f0: Any) -> Sequence[Any]:
+        return f0, 1.0 - f0
 
 
 class F82:
@@ -130,6 +152,15 @@ class F82:
     def __call__(self, cos_theta: Any, f0: Any, a: Any) -> Any:
         return bent_schlick(f0, a, cos_theta)
 
+    @staticmethod
+    def functions(cos_theta: np.ndarray) -> np.ndarray:
+        x = 1.0 - cos_theta
+        return np.stack([1.0 + 0.0 * x, x**5, -cos_theta * x**6], axis=-1)
+
+    @staticmethod
+    def coefficients(f0: Any, a: Any) -> Sequence[Any]:
+        return f0, 1.0 - f0, a
+
 
 class Decomposition:
     """Sum of c_i b_i(cos), with `basis.closed_form`: one division, shared by all channels."""
@@ -138,6 +169,11 @@ class Decomposition:
 
     def __init__(self, basis: Basis) -> None:
         self.basis = basis
+        self.functions = basis.closed_form
 
     def __call__(self, cos_theta: Any, *coefficients: Any) -> Any:
         return self.basis.closed_form.evaluate(coefficients, cos_theta)
+
+    @staticmethod
+    def coefficients(*coefficients: Any) -> Sequence[Any]:
+        return coefficients
