@@ -224,7 +224,9 @@ class EnergyTable:
         ratio = fresnel[:, 1:] / np.where(some, loss, 1.0)[:, None]
         ratio = ratio[np.maximum(np.arange(len(loss)), np.argmax(some))]
         rows = np.concatenate([loss[:, None], ratio], axis=1)
-        narrow = Layout(2, layout.height, alpha_axis=layout.alpha_axis, addressing=layout.addressing)
+        narrow = Layout(
+            2, layout.height, alpha_axis=layout.alpha_axis, addressing=layout.addressing
+        )
         losses = AlbedoTable(
             np.stack([rows, rows], axis=1), narrow, table.smith, table.distribution
         )

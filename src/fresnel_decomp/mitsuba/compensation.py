@@ -21,11 +21,14 @@ import mitsuba as mi
 import numpy as np
 
 from .._check import choose, input_error
+from ..anisotropy import AnisotropicGrid
 from ..energy import EnergyTable, gain, lobe, missing, scaling
 from ..energy import weighted as weighted_sum
 from ..microfacet import Distribution, Smith
 from ..table import AlbedoTable
 from .albedo_texture import AlbedoTexture
+from .ranges import recording
+from .tabulation import stored_values
 
 __all__ = ["Lobe", "Scaling", "Uncompensated", "chosen_compensation", "raised"]
 
@@ -96,29 +99,118 @@ class _Averages(NamedTuple):
     factor: Any  # K
 
 
+class _Isotropic:
+    """Looks up a table by the one roughness of the plugin."""
+
+    def __init__(self, energy: EnergyTable) -> None:
+        self.albedos, self.losses = map(AlbedoTexture, (energy.table, energy.losses))
+
+    def update(self, plugin: Any) -> None:
+        pass
+
+    def functions(self, plugin: Any, si: Any, w: Any, active: Any) -> tuple[Any, ...]:
+        alpha = plugin.alpha_u.eval_1(si, active)
+        # also where inactive: a masked fetch gives E = 0, by which is divided
+        return self.albedos.lookup(mi.Frame3f.cos_theta(w), alpha)
+
+    def loss_rows(self, plugin: Any, si: Any, active: Any) -> tuple[Any, ...]:
+        return self.losses.lookup(0.0, plugin.alpha_u.eval_1(si, active))
+
+
+class _Anisotropic:
+    """Looks up a grid over the range of both roughnesses, which is baked when they are set."""
+
+    def __init__(self, functions: Any, distribution: Distribution, smith: Smith) -> None:
+        self.made_of = (functions, distribution, smith)
+        self.ranges: Any = None
+
+    def update(self, plugin: Any) -> None:
+        if recording():  # there are no values to look at
+            raise input_error(
+                "new alpha_u and alpha_v with energy compensation in a recorded function "
+                "(dr.freeze) or a symbolic loop",
+                "updates outside of it, or one alpha",
+                "Call params.update() before it.",
+            )
+        ranges = [_range(texture) for texture in (plugin.alpha_u, plugin.alpha_v)]
+        if ranges == self.ranges:
+            return
+        self.ranges, self.grid = ranges, _grid(*self.made_of, *ranges)
+        n_u, n_v, azimuths, elevations, terms = self.grid.values.shape
+        # azimuths of one alpha_v after the other: a texture has three dimensions at most
+        volume = self.grid.values.reshape(n_u, n_v * azimuths, elevations, terms)
+        modes = {"use_accel": False, "wrap_mode": dr.WrapMode.Clamp}
+        self.albedos = mi.Texture3f(mi.TensorXf(np.ascontiguousarray(volume)), **modes)
+        losses = self.grid.losses.transpose(1, 0, 2)  # u along x
+        self.losses = mi.Texture2f(mi.TensorXf(np.ascontiguousarray(losses)), **modes)
+
+    def _position(self, alpha: Any, ends: tuple[float, float], count: int) -> Any:
+        """Between the first node, 0, and the last, count - 1."""
+        scale = (count - 1) / (ends[1] - ends[0])
+        root = dr.sqrt(dr.maximum(alpha, ends[0] * ends[0]))
+        return dr.minimum((root - ends[0]) * scale, count - 1.0)
+
+    def _positions(self, plugin: Any, si: Any, active: Any) -> tuple[Any, Any]:
+        n_u, n_v = self.grid.values.shape[:2]
+        return (
+            self._position(plugin.alpha_u.eval_1(si, active), self.grid.root_u, n_u),
+            self._position(plugin.alpha_v.eval_1(si, active), self.grid.root_v, n_v),
+        )
+
+    def functions(self, plugin: Any, si: Any, w: Any, active: Any) -> tuple[Any, ...]:
+        n_u, n_v, azimuths, elevations, _ = self.grid.values.shape
+        u, v = self._positions(plugin, si, active)
+        steep = w.x * w.x + w.y * w.y < 1e-20  # no azimuth, and none is needed
+        phi = dr.atan2(dr.abs(w.y), dr.select(steep, 1.0, dr.abs(w.x)))
+        column = dr.sqrt(dr.clip(w.z, 0.0, 1.0)) * (elevations - 1.0)
+        row = phi * ((azimuths - 1.0) / (0.5 * math.pi))
+        row = dr.minimum(row, azimuths - 1.0)
+        block = mi.Float(dr.minimum(mi.UInt32(dr.detach(v)), n_v - 2))
+
+        def fetch(block: Any) -> list[Any]:
+            point = mi.Point3f(
+                (column + 0.5) / elevations,
+                (block * azimuths + row + 0.5) / (n_v * azimuths),
+                (u + 0.5) / n_u,
+            )
+            return list(self.albedos.eval(point))
+
+        near, far = fetch(block), fetch(block + 1.0)
+        part = v - block
+        return tuple(dr.fma(b - a, part, a) for a, b in zip(near, far, strict=True))
+
+    def loss_rows(self, plugin: Any, si: Any, active: Any) -> tuple[Any, ...]:
+        n_u, n_v = self.grid.values.shape[:2]
+        u, v = self._positions(plugin, si, active)
+        return tuple(self.losses.eval(mi.Point2f((u + 0.5) / n_u, (v + 0.5) / n_v)))
+
+
+def _range(texture: Any) -> tuple[float, float]:
+    """Least and largest value of a roughness; all if they are known at surface points only."""
+    values = [np.array(part, np.float64).ravel() for part in stored_values(texture)]
+    if not values:
+        return 1e-3, 1.0
+    flat = np.concatenate(values)
+    return float(flat.min()), float(flat.max())
+
+
 class _Compensated(Uncompensated):
     """With a table of the functions that the Fresnel term is made of."""
 
     def __init__(self, plugin: Any) -> None:
         ggx = plugin.distribution == mi.MicrofacetType.GGX
-        self.energy = _energy_table(
-            plugin.term.functions, "ggx" if ggx else "beckmann", plugin.smith
-        )
-        self.albedos, self.losses = map(AlbedoTexture, (self.energy.table, self.energy.losses))
+        made_of: Any = (plugin.term.functions, "ggx" if ggx else "beckmann", plugin.smith)
+        self.energy = _energy_table(*made_of)
+        isotropic = plugin.alpha_u is plugin.alpha_v
+        self.tables: Any = _Isotropic(self.energy) if isotropic else _Anisotropic(*made_of)
 
-    def functions(self, plugin: Any, si: Any, w: Any, active: Any) -> tuple[Any, ...]:
-        """E, bbar_1, ... seen from `w`."""
-        alpha = plugin.alpha_u.eval_1(si, active)
-        return self.albedos.lookup(mi.Frame3f.cos_theta(w), alpha, active)
-
-    def loss_rows(self, plugin: Any, si: Any, active: Any) -> tuple[Any, ...]:
-        """L, lambda_1, ..."""
-        return self.losses.lookup(0.0, plugin.alpha_u.eval_1(si, active), active)
+    def update(self, plugin: Any) -> None:
+        self.tables.update(plugin)
 
     def averages(self, plugin: Any, si: Any, active: Any) -> _Averages:
         coefficients = plugin.term.coefficients(*plugin.lookup.evaluate(si, active))
         average = weighted_sum(coefficients, [float(b) for b in self.energy.averages])
-        loss, *ratios = self.loss_rows(plugin, si, active)
+        loss, *ratios = self.tables.loss_rows(plugin, si, active)
         strength = gain(average, loss)
         last = weighted_sum(coefficients, [1.0, *ratios])
         return _Averages(coefficients, loss, strength, strength * last)
@@ -130,7 +222,7 @@ class Scaling(_Compensated):
     name: ClassVar[str] = "scaling"
 
     def complete(self, plugin: Any, si: Any, wi: Any, wo: Any, value: Any, active: Any) -> Any:
-        white = self.functions(plugin, si, wi, active)[0]
+        white = self.tables.functions(plugin, si, wi, active)[0]
         factor = mi.UnpolarizedSpectrum(scaling(white, self.averages(plugin, si, active).factor))
         return value * factor  # a number for each wavelength, also of a Mueller matrix
 
@@ -143,7 +235,7 @@ class Lobe(_Compensated):
 
     def complete(self, plugin: Any, si: Any, wi: Any, wo: Any, value: Any, active: Any) -> Any:
         average = self.averages(plugin, si, active)
-        sides = [self.functions(plugin, si, w, active) for w in (wi, wo)]
+        sides = [self.tables.functions(plugin, si, w, active) for w in (wi, wo)]
         shape = lobe(*(missing(functions[0]) for functions in sides), average.loss)
         ends = [weighted_sum(average.coefficients, functions) / functions[0] for functions in sides]
         added = mi.UnpolarizedSpectrum(ends[0] * ends[1] * average.gain)
@@ -161,7 +253,7 @@ class Lobe(_Compensated):
 
     def _chance(self, plugin: Any, si: Any, wi: Any, active: Any) -> Any:
         """Probability of sampling the lobe: its share of what a perfect reflector reflects."""
-        return missing(self.functions(plugin, si, wi, active)[0])
+        return missing(self.tables.functions(plugin, si, wi, active)[0])
 
     def sample(
         self, plugin: Any, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any
@@ -190,3 +282,10 @@ class Lobe(_Compensated):
 def _energy_table(functions: Any, distribution: Distribution, smith: Smith) -> EnergyTable:
     table = AlbedoTable.bake(functions, smith=smith, distribution=distribution)
     return EnergyTable.of(table, functions)
+
+
+@functools.lru_cache(maxsize=16)
+def _grid(
+    functions: Any, distribution: Distribution, smith: Smith, range_u: Any, range_v: Any
+) -> AnisotropicGrid:
+    return AnisotropicGrid.bake(functions, range_u, range_v, smith=smith, distribution=distribution)

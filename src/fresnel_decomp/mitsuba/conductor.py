@@ -331,7 +331,7 @@ class DecomposedConductor:
             return dr.zeros(mi.Spectrum)
         distr, both = self._microfacets(si, active), active
         d = distr.eval(m)
-        active &= d != 0.0
+        active = active & (d != 0.0)  # not in place: it is `both` too
         weight = d * self._shadowing(distr, wi, wo, m) / (4.0 * mi.Frame3f.cos_theta(wi))
         value = self._reflect(ctx, si, wi, wo, m, weight, active)
         return self.compensation.complete(self, si, wi, wo, value, both)
@@ -339,7 +339,7 @@ class DecomposedConductor:
     def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
         wi, wo, m, active = self._both_sides(ctx, si, wo, active)
         both = active
-        active &= (dr.dot(wi, m) > 0.0) & (dr.dot(wo, m) > 0.0)
+        active = active & (dr.dot(wi, m) > 0.0) & (dr.dot(wo, m) > 0.0)
         if active is False:
             return self.compensation.mixed(self, si, wi, wo, mi.Float(0.0), both)
         distr = self._microfacets(si, active)
@@ -359,7 +359,7 @@ class DecomposedConductor:
     ) -> tuple[Any, Any]:
         """`eval_pdf` for a known half vector `m`."""
         both = active
-        active &= (dr.dot(wi, m) > 0.0) & (dr.dot(wo, m) > 0.0)
+        active = active & (dr.dot(wi, m) > 0.0) & (dr.dot(wo, m) > 0.0)
         if active is False:
             value = self.compensation.complete(self, si, wi, wo, dr.zeros(mi.Spectrum), both)
             return value, self.compensation.mixed(self, si, wi, wo, mi.Float(0.0), both)
