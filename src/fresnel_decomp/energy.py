@@ -26,8 +26,8 @@ so it equals the single lobe's times (1 - E) K / E. Hence the scaling
     Fbar (1 + K (1 - E) / E),
 
 which is that of Turquin 2019, "Practical Multiple Scattering Compensation for Microfacet Models",
-with K in place of F_0: the same albedo from one fetch, for a lobe that stays glossy and is no longer
-symmetric. K depends on roughness and colour only, once per material where these are constant.
+with K in place of F_0: the same albedo from one fetch, for a lobe that stays glossy and is not
+symmetric. K depends on roughness and colour only, so once per material where these are constant.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def scaling(white: Any, factor: Any) -> Any:
     Examples
     --------
     >>> from fresnel_decomp.energy import scaling
-    >>> 0.8 * scaling(0.8, 1.0)  # a perfect reflector reflects everything
+    >>> float(0.75 * scaling(0.75, 1.0))  # a perfect reflector reflects everything
     1.0
     """
     return 1.0 + factor * (missing(white) / white)

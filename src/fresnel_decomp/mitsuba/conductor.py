@@ -82,8 +82,8 @@ class DecomposedConductor:
         Put back what single scattering loses (default false), with a table and the formulas of
         `energy`. See there and `compensation`.
     compensation : {"lobe", "scaling"}
-        With `energy_compensation`: by a second, diffuse lobe, symmetric in the directions (default),
-        or by scaling the first one, as real-time shading does.
+        With `energy_compensation`: by a second, diffuse lobe, symmetric in the directions
+        (default), or by scaling the first one, as real-time shading does.
     sample_visible : bool
         Sample visible normals only (default true).
     specular_reflectance : float, spectrum or texture
