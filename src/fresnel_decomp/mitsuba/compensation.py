@@ -26,7 +26,7 @@ import numpy as np
 
 from .._check import choose, input_error
 from ..anisotropy import AnisotropicGrid
-from ..energy import EnergyTable, gain, lobe, missing, scaling
+from ..energy import EnergyTable, gain, lobe, missing
 from ..energy import weighted as weighted_sum
 from ..microfacet import Distribution, Smith
 from ..table import AlbedoTable
@@ -227,7 +227,9 @@ class Scaling(_Compensated):
 
     def complete(self, plugin: Any, si: Any, wi: Any, wo: Any, value: Any, active: Any) -> Any:
         white = self.tables.functions(plugin, si, wi, active)[0]
-        factor = mi.UnpolarizedSpectrum(scaling(white, self.averages(plugin, si, active).factor))
+        # in scalar variants numbers are Python's, also after `energy`, which makes NumPy's of them
+        share = mi.Float(missing(white)) / white
+        factor = mi.UnpolarizedSpectrum(1.0 + self.averages(plugin, si, active).factor * share)
         return value * factor  # a number for each wavelength, also of a Mueller matrix
 
 
@@ -240,7 +242,7 @@ class Lobe(_Compensated):
     def complete(self, plugin: Any, si: Any, wi: Any, wo: Any, value: Any, active: Any) -> Any:
         average = self.averages(plugin, si, active)
         sides = [self.tables.functions(plugin, si, w, active) for w in (wi, wo)]
-        shape = lobe(*(missing(functions[0]) for functions in sides), average.loss)
+        shape = mi.Float(lobe(*(missing(functions[0]) for functions in sides), average.loss))
         ends = [weighted_sum(average.coefficients, functions) / functions[0] for functions in sides]
         added = mi.UnpolarizedSpectrum(ends[0] * ends[1] * average.gain)
         added *= shape * mi.Frame3f.cos_theta(wo)
@@ -259,7 +261,7 @@ class Lobe(_Compensated):
 
     def _chance(self, plugin: Any, si: Any, wi: Any, active: Any) -> Any:
         """Probability of sampling the lobe: its share of what a perfect reflector reflects."""
-        return missing(self.tables.functions(plugin, si, wi, active)[0])
+        return mi.Float(missing(self.tables.functions(plugin, si, wi, active)[0]))
 
     def sample(
         self, plugin: Any, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any
