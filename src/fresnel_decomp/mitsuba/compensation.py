@@ -230,7 +230,12 @@ class Scaling(_Compensated):
         # in scalar variants numbers are Python's, also after `energy`, which makes NumPy's of them
         share = mi.Float(missing(white)) / white
         factor = mi.UnpolarizedSpectrum(1.0 + self.averages(plugin, si, active).factor * share)
-        return value * factor  # a number for each wavelength, also of a Mueller matrix
+        if not mi.is_polarized:
+            return value * factor
+        for i in range(4):  # a factor for each wavelength, of every entry of a Mueller matrix
+            for j in range(4):
+                value[i, j] = value[i, j] * factor
+        return value
 
 
 class Lobe(_Compensated):
