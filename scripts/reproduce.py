@@ -14,6 +14,7 @@ from pathlib import Path
 
 import click
 
+import energy_study
 import fig01a_basis
 import fig01b_beryllium
 import fig01c_roughness
@@ -48,6 +49,7 @@ FIGURES = {
         fig04_linear_tint,
         split_sum_study,
         table_study,
+        energy_study,
     )
 }
 
