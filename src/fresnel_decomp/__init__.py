@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from .colour import delta_e_2000, gamut_excess, linear_to_srgb, rgb_weights
     from .converters import Converted, Loss, convert
     from .curves import CurveSet
+    from .energy import EnergyTable
     from .extraction import RECIPES
     from .fresnel import (
         conductor,
@@ -68,6 +69,7 @@ _HOMES = {
     "colour": ["delta_e_2000", "gamut_excess", "linear_to_srgb", "rgb_weights"],
     "converters": ["Converted", "Loss", "convert"],
     "curves": ["CurveSet"],
+    "energy": ["EnergyTable"],
     "extraction": ["RECIPES"],
     "fresnel": [
         "conductor",
@@ -97,7 +99,7 @@ _HOMES = {
     "table": ["AlbedoTable"],
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
-_SUBMODULES = {"doctor", "images", "microfacet", "mitsuba", *_HOMES} - {"_check"}
+_SUBMODULES = {"doctor", "images", "microfacet", "mitsuba", "random_walk", *_HOMES} - {"_check"}
 
 __all__ = [
     "F82",
@@ -110,6 +112,7 @@ __all__ = [
     "Curve",
     "CurveSet",
     "Decomposition",
+    "EnergyTable",
     "Exact",
     "FitError",
     "Gulbrandsen",
