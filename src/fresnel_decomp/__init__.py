@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from . import converters as converters
     from . import curves as curves
     from . import doctor as doctor
+    from . import energy as energy
     from . import extraction as extraction
     from . import fresnel as fresnel
     from . import images as images
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from . import mitsuba as mitsuba
     from . import models as models
     from . import parametrization as parametrization
+    from . import random_walk as random_walk
     from . import representations as representations
     from . import spectra as spectra
     from . import table as table

@@ -247,7 +247,8 @@ class Lobe(_Compensated):
     def complete(self, plugin: Any, si: Any, wi: Any, wo: Any, value: Any, active: Any) -> Any:
         average = self.averages(plugin, si, active)
         sides = [self.tables.functions(plugin, si, w, active) for w in (wi, wo)]
-        shape = mi.Float(lobe(*(missing(functions[0]) for functions in sides), average.loss))
+        near, far = (missing(functions[0]) for functions in sides)
+        shape = mi.Float(lobe(near, far, average.loss))
         ends = [weighted_sum(average.coefficients, functions) / functions[0] for functions in sides]
         added = mi.UnpolarizedSpectrum(ends[0] * ends[1] * average.gain)
         added *= shape * mi.Frame3f.cos_theta(wo)
