@@ -124,10 +124,10 @@ class AnisotropicGrid:
 
     Attributes
     ----------
-    values : (n_u, n_v, azimuths, elevations, terms) float32
+    values : (n_u, n_v, azimuths, elevations, n) float32
         Equidistant in the roots of alpha_u and alpha_v, in the azimuth from 0 (along u) to pi/2,
         and in the root of the cosine.
-    losses : (n_u, n_v, terms) float32
+    losses : (n_u, n_v, n) float32
         L, lambda_1, ... of `energy`.
     root_u, root_v : pairs of float
         Ends of the ranges, as roots.
@@ -152,7 +152,7 @@ class AnisotropicGrid:
 
         Parameters
         ----------
-        basis : callable from (m,) cosines to (m, terms) values
+        basis : callable from (m,) cosines to (m, n) values
         range_u, range_v : pairs of float > 0
             Least and largest alpha; they may be equal.
         smith, distribution

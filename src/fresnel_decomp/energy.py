@@ -169,7 +169,7 @@ class EnergyTable:
     ----------
     table : AlbedoTable
         Its first function is b_0 = 1.
-    averages : (terms,) float64
+    averages : (n,) float64
         <b_j>, cosine-weighted.
     losses : AlbedoTable
         L, lambda_1, lambda_2, ... by roughness: two equal columns.
@@ -198,7 +198,7 @@ class EnergyTable:
         Parameters
         ----------
         table : AlbedoTable
-        basis : Basis, ClosedForm, or callable from (m,) cosines to (m, terms) values
+        basis : Basis, ClosedForm, or callable from (m,) cosines to (m, n) values
             With b_0 = 1.
 
         Raises
@@ -232,11 +232,6 @@ class EnergyTable:
         )
         return cls(table, averages, losses)
 
-    @property
-    def terms(self) -> int:
-        """Number of functions."""
-        return self.table.terms
-
     def average_fresnel(self, coefficients: Any) -> Any:
         """F_avg = sum_j c_j <b_j>, exact for the basis.
 
@@ -248,7 +243,7 @@ class EnergyTable:
         -------
         (...) float or a Dr.Jit array
         """
-        coefficients = check_terms(coefficients, 0.0, self.terms)
+        coefficients = check_terms(coefficients, 0.0, self.table.terms)
         return weighted(coefficients, tuple(float(value) for value in self.averages))
 
     def factor(self, coefficients: Any, alpha: Any) -> Any:
@@ -264,7 +259,7 @@ class EnergyTable:
         -------
         (...) float or a Dr.Jit array: 1 where F = 1, 0 where F = 0; at alpha = 0 the limit.
         """
-        coefficients = check_terms(coefficients, alpha, self.terms)
+        coefficients = check_terms(coefficients, alpha, self.table.terms)
         rows = self.losses.lookup(alpha, alpha)  # equal columns: mu does not matter
         loss, *ratios = rows if is_drjit(alpha) else np.moveaxis(rows, -1, 0)
         last = weighted(coefficients, (1.0, *ratios))
@@ -283,7 +278,7 @@ class EnergyTable:
         -------
         (...) float or a Dr.Jit array, differentiable in all arguments
         """
-        coefficients = check_terms(coefficients, alpha if is_drjit(alpha) else mu, self.terms)
+        coefficients = check_terms(coefficients, alpha if is_drjit(alpha) else mu, self.table.terms)
         functions = self.table.lookup(mu, alpha)
         if not is_drjit(mu, alpha):
             functions = np.moveaxis(functions, -1, 0)
