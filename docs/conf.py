@@ -1,7 +1,7 @@
 """Sphinx configuration. Builds without a network; the pages need none either.
 
-The notebook is kept as text in `notebooks/`, rendered by the page `notebook.md` and executed while
-the documentation is built (20 s with LLVM; smaller pictures without).
+Notebooks are kept as text in `notebooks/`. Each is rendered by the page of the same name in
+`docs/notebooks/` and executed while the documentation is built (smaller pictures without LLVM).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from docutils.utils.math import latex2mathml
 from fresnel_decomp import __version__
 
 ROOT = Path(__file__).resolve().parent.parent
-NOTEBOOK = ROOT / "notebooks" / "01_decomposition.py"
+NOTEBOOKS = ROOT / "notebooks"
 
 project = "fresnel_decomp"
 author = "The fresnel_decomp authors"
@@ -44,6 +44,9 @@ nb_execution_show_tb = True
 nb_execution_in_temp = True
 nb_output_stderr = "remove"
 nb_ipywidgets_js: dict[str, Any] = {}  # would be loaded from the network
+nb_mime_priority_overrides = [  # sliders need a kernel: show their picture
+    ("html", "application/vnd.jupyter.widget-view+json", None),
+]
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # types are in the docstrings, with shapes and ranges
@@ -89,10 +92,12 @@ def _mathml(text: str, as_block: bool) -> str:
 
 
 def _insert_notebook(app: Any, docname: str, source: list[str]) -> None:
-    """Replace the text of `notebook.md` by the notebook, in MyST-NB's own format."""
-    if docname == "notebook":
-        source[0] = _myst_notebook(NOTEBOOK.read_text(encoding="utf-8"))
-        app.env.note_dependency(str(NOTEBOOK))
+    """Replace the text of a page in `notebooks/` by the notebook, in MyST-NB's own format."""
+    folder, _, name = docname.rpartition("/")
+    if folder == "notebooks":
+        notebook = NOTEBOOKS / f"{name}.py"
+        source[0] = _myst_notebook(notebook.read_text(encoding="utf-8"))
+        app.env.note_dependency(str(notebook))
 
 
 def _myst_notebook(text: str) -> str:

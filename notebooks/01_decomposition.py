@@ -24,25 +24,15 @@
 # channel. Here we build the functions, fit beryllium, and look at the result.
 
 # %%
-import textwrap
+# Is the package missing, as in Colab? Clone its repository and run %pip install PATH_TO_CLONE
+from fresnel_decomp.notebook import explore, fast, fd, mi, np, plt, show, style
 
-import matplotlib.pyplot as plt
-import numpy as np
-from scipy.sparse.linalg import svds
-
-import fresnel_decomp as fd
-
-fd.doctor.prepare()  # finds an LLVM that Dr.Jit can work with; before `import mitsuba`
-import mitsuba as mi  # noqa: E402
-
-variant = fd.doctor.best_variant()
-mi.set_variant(variant)
-fast = not variant.startswith("scalar")
-plt.rcParams |= {"figure.figsize": (9, 3.2), "figure.dpi": 110, "axes.grid": True}
-plt.rcParams |= {"grid.color": "0.9", "axes.spines.top": False, "axes.spines.right": False}
-print(variant)
+print(mi.variant())
 
 # %% [markdown]
+# Asking for `mi` looked for an LLVM that Mitsuba can work with, and set the fastest variant that
+# runs here. Where that is a slow one, a message says what to do.
+#
 # ## 1. Curves
 #
 # The training set is that of the authors' published notebook: 990 dielectrics and nine conductors
@@ -73,8 +63,10 @@ plt.show()
 # Eq. 6). The coefficient of each new function comes from a single angle, its *node*: 1.45 for
 # $b_2$ and 1.31 for $b_3$. So all that is left over is zero at the nodes of the functions before.
 
-
 # %%
+from scipy.sparse.linalg import svds  # noqa: E402
+
+
 def peak_at_one(function: np.ndarray) -> np.ndarray:
     """Fix the arbitrary sign and scale of a singular vector."""
     return function / function[np.argmax(np.abs(function))]
@@ -165,7 +157,7 @@ plt.show()
 try:
     fd.Decomposition.from_ior(1 / 1.5, 0.0)
 except fd.InputError as error:
-    print(textwrap.fill(str(error), 80))
+    print(str(error).replace("; ", ";\n").replace(". ", ".\n"))
 glass = fd.Decomposition.from_ior(1 / 1.5, 0.0, poor_fit="substitute")
 error = np.abs(glass(cos_theta) - fd.dielectric(cos_theta, 1 / 1.5)).max()
 print(f"inside glass, by reciprocity: largest error {error:.4f}")
@@ -190,13 +182,12 @@ print(f"smallest denominator {denominator.min():.2f}")
 # differs is the model. The light behind the sphere is there for grazing reflection.
 
 # %%
-fd.mitsuba.register()
 T = mi.ScalarTransform4f
 eta, k = (np.array(values) for values in beryllium.rgb_indices())
 size, spp = (256, 64) if fast else (72, 16)
 
 
-def panel(origin: list[float], target: list[float], radiance: float, scale: float) -> dict:
+def softbox(origin: list[float], target: list[float], radiance: float, scale: float) -> dict:
     to_world = T().look_at(origin=origin, target=target, up=[0, 1, 0]) @ T().scale(scale)
     emitter = {"type": "area", "radiance": {"type": "rgb", "value": radiance}}
     return {"type": "rectangle", "to_world": to_world, "emitter": emitter}
@@ -215,8 +206,8 @@ def render(fresnel: str) -> np.ndarray:
         "integrator": {"type": "path", "max_depth": 6, "rr_depth": 7},
         "sensor": {"type": "perspective", "fov": 24, "to_world": view, "film": film},
         "air": {"type": "constant", "radiance": {"type": "rgb", "value": 0.3}},
-        "key": panel([-4, 5, 5], [0, 0, 0], 5.0, 1.6),
-        "rim": panel([6, 3, -6], [0, 0, 0], 1.2, 3.0),
+        "key": softbox([-4, 5, 5], [0, 0, 0], 5.0, 1.6),
+        "rim": softbox([6, 3, -6], [0, 0, 0], 1.2, 3.0),
         "floor": {"type": "rectangle", "to_world": lying, "bsdf": grey},
         "ball": {"type": "sphere", "bsdf": metal},
     }
@@ -226,18 +217,118 @@ def render(fresnel: str) -> np.ndarray:
 images = {name: render(name) for name in ("exact", "decomposition", "schlick")}
 
 # %%
-fig, axes = plt.subplots(1, 5, figsize=(11, 2.6), layout="constrained")
-for ax, (name, image) in zip(axes, images.items(), strict=False):
-    ax.imshow(fd.images.display(image))
-    ax.set_title(name)
-models = ("decomposition", "schlick")
-results = {name: fd.images.compare(images["exact"], images[name]) for name in models}
-limit = max(float(np.quantile(result.flip_map, 0.999)) for result in results.values())
-for ax, (name, result) in zip(axes[3:], results.items(), strict=True):
-    shown = ax.imshow(result.flip_map, cmap="magma", vmin=0, vmax=limit)
-    ax.set_title(f"FLIP of {name}", fontsize=10)
+results = {
+    name: fd.images.compare(images["exact"], images[name]) for name in ("decomposition", "schlick")
+}
+show(images, maps={f"FLIP, {name}": result.flip_map for name, result in results.items()})
+for name, result in results.items():
     print(f"{name:14} mean FLIP {result.flip:.5f}, mean ΔE00 {result.delta_e:.4f}")
-fig.colorbar(shown, ax=axes[-1])
-for ax in axes:
-    ax.set_axis_off()
-plt.show()
+
+# %% [markdown]
+# ## 7. Try it
+#
+# The sliders below move the index of refraction, or Gulbrandsen's reflectivity $r$ and edge tint
+# $g$, or $r$ and the linear edge tint $\beta$ that the decomposition makes possible. They need a
+# running kernel and `ipywidgets`; without, there is a picture of where they start.
+#
+# The spheres are lit by a small made-up city and shaded by the *split-sum*: a blurred light times
+# the average reflectance of a rough surface, $\sum_i c_i\,\bar b_i(\mu, \alpha)$, whose
+# $\bar b_i$ are looked up in a table. That takes milliseconds, so the spheres follow the sliders.
+
+# %%
+sphere = fd.mitsuba.preview.SpherePreview(96)
+table = fd.AlbedoTable.bake(basis)
+SplitAlbedo = fd.mitsuba.split_sum.SplitAlbedo
+
+
+def panel(c: np.ndarray, alpha: float, exact: fd.Exact | fd.Gulbrandsen | None = None):
+    """Curves and spheres of four coefficients per channel, of Schlick's curve and the exact one."""
+    curves = {"schlick": fd.Schlick(c[:, 0]), "decomposition": fd.Decomposition(c, basis)}
+    albedos = {
+        "schlick": fd.mitsuba.split_sum.schlick_albedo(c[:, 0]),
+        "decomposition": SplitAlbedo(table, c),
+    }
+    if exact is not None:
+        curves["exact"] = exact
+        albedos["exact"] = fd.mitsuba.split_sum.integrated_albedo(exact, alpha, cosines=65)
+    names = [name for name in ("exact", "decomposition", "schlick") if name in curves]
+    spheres = {name: sphere(albedos[name], alpha) for name in names}
+    fig = style.figure(9.0, 2.6, layout="constrained")
+    axes = fig.subplots(1, 1 + len(names), width_ratios=(1.7, *[1] * len(names)))
+    for name in names[::-1]:
+        for values, channel in zip(curves[name](cos_theta[:, None]).T, "RGB", strict=True):
+            look = {"ls": style.MODEL_LINES[name], "color": "k", "lw": 1.3}
+            if name == names[0]:
+                look |= {"color": style.CHANNEL_COLOURS[channel], "lw": 2.5, "alpha": 0.6}
+            label = style.MODEL_LABELS[name] if channel == "R" else None
+            axes[0].plot(degrees, values, label=label, **look)
+    axes[0].legend(loc="upper left")
+    axes[0].set(xlabel="angle of incidence (degrees)", ylabel="reflectance", ylim=(None, 1.03))
+    for ax, name in zip(axes[1:], names, strict=True):
+        ax.set_axis_off()
+        ax.imshow(fd.images.display(spheres[name], exposure=0.7))
+        title = style.MODEL_LABELS[name]
+        if exact is not None and name != "exact":
+            difference = fd.images.delta_e(spheres["exact"], spheres[name], exposure=0.7)
+            title += f", ΔE$_{{00}}$ {difference.mean():.2f}"
+        ax.set_title(title)
+    return fig
+
+
+# %% [markdown]
+# **(η, k), roughness α.** One index for all colours, so the spheres are grey. Go to small `eta`
+# and `k`: there the fit is refused.
+
+
+# %%
+def by_index(eta: float, k: float, alpha: float):
+    etas, ks = np.full(3, eta), np.full(3, k)
+    return panel(basis.coefficients(etas, ks), alpha, fd.Exact(etas, ks))
+
+
+explore(by_index, eta=(3.1, 0.05, 5.0), k=(3.3, 0.0, 8.0), alpha=(0.1, 0.01, 1.0))
+
+# %% [markdown]
+# **(r, g).** One reflectivity and three edge tints: all colour is at the edge, and Schlick, which
+# knows F0 only, has none. Nearly all of the change with g happens next to 1.
+
+
+# %%
+def by_edge_tint(r: float, g_red: float, g_green: float, g_blue: float, alpha: float):
+    model = fd.Gulbrandsen(np.full(3, r), np.array([g_red, g_green, g_blue]))
+    c = basis.coefficients(*fd.gulbrandsen_to_ior(model.r, model.g))
+    return panel(c, alpha, model)
+
+
+tints = {"g_red": (0.0, 0.0, 1.0), "g_green": (1.0, 0.0, 1.0), "g_blue": (0.0, 0.0, 1.0)}
+explore(by_edge_tint, r=(0.44, 0.01, 0.99), **tints, alpha=(0.05, 0.01, 1.0))
+
+# %% [markdown]
+# **(r, β).** The same ends, with the coefficients interpolated between them: equal steps are equal
+# changes. There is no exact curve to compare with, these are mixtures.
+
+
+# %%
+def by_linear_tint(r: float, beta_red: float, beta_green: float, beta_blue: float, alpha: float):
+    beta = np.array([beta_red, beta_green, beta_blue])
+    return panel(fd.LinearTint(np.full(3, r), beta, basis).coefficients, alpha)
+
+
+tints = {"beta_red": (0.5, 0.0, 1.0), "beta_green": (1.0, 0.0, 1.0), "beta_blue": (0.0, 0.0, 1.0)}
+explore(by_linear_tint, r=(0.44, 0.01, 0.99), **tints, alpha=(0.05, 0.01, 1.0))
+
+# %% [markdown]
+# How fast is fast enough to follow a hand?
+
+# %%
+import time  # noqa: E402
+
+start = time.perf_counter()
+for alpha in np.linspace(0.1, 0.5, 5):
+    by_edge_tint(0.44, 0.0, 1.0, 0.0, alpha)
+print(f"curves and three spheres: {200 * (time.perf_counter() - start):.0f} ms")
+gold = SplitAlbedo(table, fd.load_material("Au").rgb_coefficients(basis))
+start = time.perf_counter()
+for alpha in np.linspace(0.1, 0.5, 20):
+    sphere(gold, alpha)
+print(f"one sphere from the table: {50 * (time.perf_counter() - start):.0f} ms")

@@ -17,6 +17,7 @@ from fresnel_decomp import (
     Lazanyi,
     Material,
     Schlick,
+    accuracy,
     conductor,
     convert,
     delta_e_2000,
@@ -176,7 +177,7 @@ def colour_errors(names: Sequence[str], terms: Sequence[int] = (3, 4, 5, 6)) -> 
     n = len(DEGREES)
     cosine = COSINES[:n, None]
     materials = [load_material(name) for name in names]
-    exact = np.stack([material.rgb_reflectance(COSINES[:n]) for material in materials])
+    exact = [material.rgb_reflectance(COSINES[:n]) for material in materials]
     ends = [m.rgb_reflectance(np.array([1.0, F82_COSINE])) for m in materials]
     bent = [Lazanyi.from_ior(*material.rgb_indices()) for material in materials]
     fits = {
@@ -194,5 +195,5 @@ def colour_errors(names: Sequence[str], terms: Sequence[int] = (3, 4, 5, 6)) -> 
             fits[f"{recipe}, {count} terms"] = [
                 functions @ material.rgb_coefficients(basis).T for material in materials
             ]
-    errors = {name: delta_e_2000(np.stack(fit), exact) for name, fit in fits.items()}
-    return {name: f"{error.mean():.3f} / {error.max():.2f}" for name, error in errors.items()}
+    errors = {name: accuracy.colour_errors(fit, exact) for name, fit in fits.items()}
+    return {name: f"{error.mean:.3f} / {error.max:.2f}" for name, error in errors.items()}

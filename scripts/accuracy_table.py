@@ -21,24 +21,19 @@ import argparse
 import csv
 import functools
 import io
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
 from _colour_models import colour_errors
 from _markdown import markdown
 from fresnel_decomp import (
-    F82,
     RECIPES,
     Basis,
-    CurveSet,
-    Lazanyi,
-    Schlick,
     __version__,
     curves,
     extract_basis,
@@ -46,37 +41,7 @@ from fresnel_decomp import (
     load_basis,
 )
 from fresnel_decomp._files import write_json, write_text
-from fresnel_decomp.regression import albedo_operator
-
-RECIPE_ORDER = ("notebook", *(recipe for recipe in RECIPES if recipe != "notebook"))
-SETS: dict[str, Callable[[], CurveSet]] = {
-    "a": curves.dielectrics,
-    "cp": curves.gulbrandsen_grid,
-    "d": curves.measured_metals,
-    "low": curves.low_index_corner,
-}
-TERMS = (3, 4, 5, 6)
-CHUNK = 128  # curves at a time: 4 MB for each array
-
-Array = NDArray[np.float64]
-Fit = Callable[[Array, Array], Array]
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Absolute errors of one model on one set of curves."""
-
-    max: float
-    p99: float
-    """Over curves, of the largest error of each."""
-    mean: float
-    rmse: float
-    worst_eta: float
-    worst_k: float
-    worst_degrees: float
-    albedo_mean: float
-    """Mean absolute error of the directional albedo."""
-    albedo_rmse: float
+from fresnel_decomp.accuracy import SETS, TERMS, Array, Errors, Fit, decomposition, fits, measure
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -105,26 +70,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         write(path, results, {name: len(curve_set) for name, curve_set in chosen.items()})
 
 
-def fits(cos_theta: Array) -> dict[str, Fit]:
-    """For each model, a function from (n,) indices to (n, m) reflectances at (m,) cosines."""
-    return {
-        "Schlick": lambda eta, k: Schlick.from_ior(eta[:, None], k[:, None])(cos_theta),
-        "Lazanyi": lambda eta, k: Lazanyi.from_ior(eta[:, None], k[:, None])(cos_theta),
-        "F82": lambda eta, k: F82.from_ior(eta[:, None], k[:, None])(cos_theta),
-        **{
-            f"{recipe}, {terms} terms": decomposition(load_basis(recipe, terms), cos_theta)
-            for recipe in RECIPE_ORDER
-            for terms in TERMS
-        },
-    }
-
-
-def decomposition(basis: Basis, cos_theta: Array) -> Fit:
-    """As in `fits`, for one basis."""
-    functions = basis(cos_theta).T
-    return lambda eta, k: basis.coefficients(eta, k, poor_fit="keep") @ functions
-
-
 @functools.cache
 def variations() -> dict[str, Basis]:
     """The two recipes of four terms, and each with one of its choices changed."""
@@ -145,64 +90,6 @@ def variations() -> dict[str, Basis]:
 def varied(cos_theta: Array) -> dict[str, Fit]:
     """As `fits`, for `variations`."""
     return {name: decomposition(basis, cos_theta) for name, basis in variations().items()}
-
-
-def measure(
-    curve_set: CurveSet,
-    advance: Callable[[int], object] = lambda count: None,
-    only: Iterable[str] | None = None,
-    models: Callable[[Array], dict[str, Fit]] = fits,
-) -> dict[str, Errors]:
-    """Errors of every model on a set of curves, a few curves at a time.
-
-    Parameters
-    ----------
-    curve_set : CurveSet
-    advance : callable
-        Told the number of curves that were finished.
-    only : names of `models`, default all of them
-    models : `fits` or `varied`
-    """
-    cos_theta, uniform = curves.error_cosines()
-    functions = models(cos_theta)
-    functions = {name: functions[name] for name in (only or functions)}
-    points, operator, weights = albedo_operator()
-    at_points = models(points)
-    largest = {name: np.zeros(len(curve_set)) for name in functions}
-    place = {name: np.zeros(len(curve_set), int) for name in functions}
-    sums = {name: np.zeros(2) for name in functions}
-    albedo = {name: np.zeros(2) for name in functions}
-    for start in range(0, len(curve_set), CHUNK):
-        rows = slice(start, min(start + CHUNK, len(curve_set)))
-        eta, k = curve_set.eta[rows], curve_set.k[rows]
-        exact, exact_at_points = (curve_set.take(rows).reflectance(c) for c in (cos_theta, points))
-        for name, fit in functions.items():
-            error = fit(eta, k)
-            np.abs(np.subtract(error, exact, out=error), out=error)
-            place[name][rows] = at = error.argmax(axis=1)
-            largest[name][rows] = error[np.arange(len(at)), at]
-            first = error[:, : len(uniform)]
-            sums[name] += first.sum(), np.einsum("ij,ij->", first, first)
-            error = np.abs((at_points[name](eta, k) - exact_at_points) @ operator.T)
-            albedo[name] += (error @ weights).sum(), (error**2 @ weights).sum()
-        advance(len(eta))
-    results = {}
-    for name in functions:
-        mean, square = sums[name] / (len(curve_set) * len(uniform))
-        albedo_mean, albedo_square = albedo[name] / len(curve_set)
-        worst = int(largest[name].argmax())
-        results[name] = Errors(
-            max=float(largest[name][worst]),
-            p99=float(np.percentile(largest[name], 99)),
-            mean=float(mean),
-            rmse=float(np.sqrt(square)),
-            worst_eta=float(curve_set.eta[worst]),
-            worst_k=float(curve_set.k[worst]),
-            worst_degrees=float(np.degrees(np.arccos(cos_theta[place[name][worst]]))),
-            albedo_mean=float(albedo_mean),
-            albedo_rmse=float(np.sqrt(albedo_square)),
-        )
-    return results
 
 
 def error_table(

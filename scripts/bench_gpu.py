@@ -36,7 +36,6 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from _machine import graphics_card, processor
 from _markdown import insert, markdown
 from _screen_pass import (
     FETCHES,
@@ -57,6 +56,7 @@ from fresnel_decomp._check import input_error
 from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import writable_folder, write_json
 from fresnel_decomp.images import delta_e, display, nrmse
+from fresnel_decomp.machine import graphics_card, processor
 from fresnel_decomp.report import style
 
 OUT = Path(__file__).resolve().parents[1] / "out" / "bench_gpu"

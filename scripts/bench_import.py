@@ -25,10 +25,10 @@ import click
 from rich.console import Console
 from rich.progress import Progress
 
-from _machine import processor
 from _markdown import insert, markdown
 from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import write_json
+from fresnel_decomp.machine import processor
 
 MARKS = ("<!-- import times -->\n", "<!-- end of import times -->\n")
 LIMIT_S = 0.3

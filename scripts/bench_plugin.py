@@ -12,8 +12,6 @@ are the decomposition with energy compensation.
 from __future__ import annotations
 
 import argparse
-import os
-import platform
 import statistics
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -22,7 +20,6 @@ from typing import Any
 from fresnel_decomp import doctor
 from fresnel_decomp._files import write_json
 
-INDICES = {"eta": [4.185, 3.185, 2.784], "k": [3.835, 3.010, 2.869]}  # about beryllium
 PLUGINS = {
     "roughconductor": {"type": "roughconductor"},
     **{
@@ -54,17 +51,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
 
     doctor.prepare()
-    import drjit as dr
     import mitsuba as mi
 
     mi.set_variant(options.variant)
     from fresnel_decomp.mitsuba import register
 
     register()
-    times = {
-        "eval": measure(eval_kernels(options), options.rounds),
-        "render": measure(render_kernels(options), options.rounds),
-    }
+    from fresnel_decomp.machine import machine_facts
+    from fresnel_decomp.mitsuba.timing import interleaved_times
+
+    times = interleaved_times(kernels(options), options.rounds)
     results = {kind: summary(rounds) for kind, rounds in times.items()}
     print(f"{'':16}{'BSDF only':>26}{'whole render':>26}   relative to roughconductor")
     for name in PLUGINS:
@@ -82,106 +78,37 @@ def main(arguments: Sequence[str] | None = None) -> None:
             print(f"{name}, {kind}: {ratio:.3f}, target {limit} {verdict}")
     if options.out:
         about = {
-            "variant": options.variant,
+            **machine_facts(options.variant),
             "rounds": options.rounds,
             "points": options.points,
             "size": options.size,
             "spp": options.spp,
             "distribution": options.distribution,
             "material": options.material,
-            "machine": platform.processor() or platform.machine(),
-            "threads": dr.thread_count() if "llvm" in options.variant else None,
-            "cpus": os.cpu_count(),
-            "llvm": ".".join(map(str, dr.detail.llvm_version() or ())),
-            "mitsuba": mi.__version__,
-            "drjit": dr.__version__,
         }
         write_json(options.out, {"about": about, "results": results})
 
 
 def bsdf(name: str, options: argparse.Namespace) -> dict[str, Any]:
     """Scene description of a plugin under test."""
-    colours = {key: {"type": "rgb", "value": value} for key, value in INDICES.items()}
+    from fresnel_decomp.mitsuba.workloads import BERYLLIUM
+
+    colours = {key: {"type": "rgb", "value": value} for key, value in BERYLLIUM.items()}
     indices = {"material": options.material} if options.material else colours
     return {**PLUGINS[name], **indices, "distribution": options.distribution, "alpha": 0.2}
 
 
-def eval_kernels(options: argparse.Namespace) -> dict[str, Callable[[], None]]:
-    """For each plugin, a function that evaluates it on random pairs of directions."""
-    import drjit as dr
+def kernels(options: argparse.Namespace) -> dict[str, dict[str, Callable[[], Any]]]:
+    """For the BSDF alone and for a picture, what runs each plugin."""
     import mitsuba as mi
 
-    sampler = mi.PCG32(size=options.points)
+    from fresnel_decomp.mitsuba.workloads import bsdf_evaluation, directions, picture
 
-    def direction() -> Any:
-        return mi.warp.square_to_cosine_hemisphere(
-            mi.Point2f(sampler.next_float32(), sampler.next_float32())
-        )
-
-    si = dr.zeros(mi.SurfaceInteraction3f, options.points)
-    si.wi, wo = direction(), direction()
-    if mi.is_spectral:
-        si.wavelengths = type(si.wavelengths)(
-            *(360.0 + 470.0 * sampler.next_float32() for _ in range(len(si.wavelengths)))
-        )
-    dr.eval(si, wo)
-
-    def kernel(name: str) -> Callable[[], None]:
-        plugin = mi.load_dict(bsdf(name, options))
-        return lambda: dr.eval(plugin.eval(mi.BSDFContext(), si, wo, True))
-
-    return {name: kernel(name) for name in PLUGINS}
-
-
-def render_kernels(options: argparse.Namespace) -> dict[str, Callable[[], None]]:
-    """For each plugin, a function that renders conducting balls on a conducting floor."""
-    import drjit as dr
-    import mitsuba as mi
-
-    def kernel(name: str) -> Callable[[], None]:
-        material = bsdf(name, options)
-        scale = mi.ScalarTransform4f().scale(4.0)
-        view = mi.ScalarTransform4f().look_at([0, -5, 2.5], [0, 0, 0.4], [0, 0, 1])
-        balls = {
-            f"ball{i}": {
-                "type": "sphere",
-                "center": [1.1 * (i - 1), 0.4 * (i % 2), 0.5],
-                "radius": 0.5,
-                "bsdf": material,
-            }
-            for i in range(3)
-        }
-        film = {"type": "hdrfilm", "width": options.size, "height": options.size}
-        scene = mi.load_dict(
-            {
-                "type": "scene",
-                "integrator": {"type": "path", "max_depth": 5, "rr_depth": 6},
-                "sensor": {"type": "perspective", "fov": 40, "to_world": view, "film": film},
-                "floor": {"type": "rectangle", "to_world": scale, "bsdf": material},
-                "sky": {"type": "constant"},
-                **balls,
-            }
-        )
-        return lambda: dr.eval(mi.render(scene, spp=options.spp, seed=0))
-
-    return {name: kernel(name) for name in PLUGINS}
-
-
-def measure(kernels: dict[str, Callable[[], None]], rounds: int) -> dict[str, list[float]]:
-    """Kernel milliseconds of each function in each round, after two warm-up rounds."""
-    import drjit as dr
-
-    times: dict[str, list[float]] = {name: [] for name in kernels}
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        for warm in [False, False] + [True] * rounds:
-            for name, run in kernels.items():
-                dr.kernel_history_clear()
-                run()
-                dr.sync_thread()
-                total = sum(entry["execution_time"] for entry in dr.kernel_history())
-                if warm:
-                    times[name].append(total)
-    return times
+    pairs = directions(options.points)
+    return {
+        "eval": {n: bsdf_evaluation(mi.load_dict(bsdf(n, options)), *pairs) for n in PLUGINS},
+        "render": {n: picture(bsdf(n, options), options.size, options.spp) for n in PLUGINS},
+    }
 
 
 def summary(times: dict[str, list[float]]) -> dict[str, dict[str, float]]:

@@ -22,6 +22,11 @@ from reproduce import FIGURES
 PAGE = ROOT / "docs" / "gallery.md"
 FIGURES_FOLDER = "docs/figures"
 
+_SPEED = (
+    "python scripts/speed_vs_error.py --page docs/speed_vs_error.md --readme README.md",
+    "speed_vs_error",
+)
+
 OTHERS = {
     "recipes.png": (
         "How accurate each recipe is, with 3 to 6 terms",
@@ -59,6 +64,13 @@ OTHERS = {
         "python scripts/bench_gpu.py --figure docs/figures/screen_pass.png",
         "speed_gpu",
     ),
+    "speed_vs_error.png": ("Every model's error over six kinds of cost", *_SPEED),
+    "speed_vs_error_compute.png": ("Error against kernel time, compute-bound", *_SPEED),
+    "speed_vs_error_streaming.png": ("Error against kernel time, streaming", *_SPEED),
+    "speed_vs_error_bsdf.png": ("Error against the BSDF's time", *_SPEED),
+    "speed_vs_error_render.png": ("Error against the time of a render", *_SPEED),
+    "speed_vs_error_bytes.png": ("Error against bytes of storage", *_SPEED),
+    "speed_vs_error_operations.png": ("Error against operations in the kernel", *_SPEED),
 }
 """Title, command, and the page that shows the picture."""
 

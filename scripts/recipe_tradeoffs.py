@@ -28,15 +28,6 @@ from fresnel_decomp.report import style
 from fresnel_decomp.spectra import list_materials
 
 PICTURE = Path(__file__).resolve().parents[1] / "docs" / "figures" / "recipes.png"
-COLOURS = {
-    "notebook": "#1a1a1a",
-    "talk": "#8a8a8a",
-    "balanced": "#0072b2",
-    "robust": "#009e73",
-    "minimax": "#d55e00",
-    "albedo": "#cc79a7",
-}
-MARKERS = dict(zip(COLOURS, "osD^vP", strict=True))
 TITLES = {
     "a": "a: dielectrics",
     "cp": "cp: reflectivity and edge tint",
@@ -61,10 +52,18 @@ def figure(errors: Path, out: Path) -> None:
         page = Page(8.8, 7.0)
         for index, name in enumerate(SETS):
             axes = page.axes(0.75 + 4.1 * (index % 2), 0.9 + 3.05 * (index // 2), 3.7, 2.35)
-            for recipe, colour in COLOURS.items():
+            for recipe, colour in style.RECIPE_COLOURS.items():
                 x, y = np.array([found[name, f"{recipe}, {terms} terms"] for terms in TERMS]).T
                 axes.plot(x, y, color=colour, lw=0.9, alpha=0.55)
-                axes.plot(x, y, color=colour, lw=0, marker=MARKERS[recipe], ms=5.5, label=recipe)
+                axes.plot(
+                    x,
+                    y,
+                    color=colour,
+                    lw=0,
+                    marker=style.RECIPE_MARKERS[recipe],
+                    ms=5.5,
+                    label=recipe,
+                )
                 for terms, place in zip(TERMS, zip(x, y, strict=True), strict=True):
                     axes.annotate(
                         str(terms), place, xytext=(4, 3), textcoords="offset points", size=6.5,

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import click
 
+import area_light_study
 import energy_study
 import fig01a_basis
 import fig01b_beryllium
@@ -21,6 +22,7 @@ import fig01c_roughness
 import fig02_edge_tint
 import fig03_shader_balls
 import fig04_linear_tint
+import principled_study
 import split_sum_study
 import table_study
 from _figure import (
@@ -49,6 +51,8 @@ FIGURES = {
         fig04_linear_tint,
         split_sum_study,
         table_study,
+        principled_study,
+        area_light_study,
         energy_study,
     )
 }

@@ -36,7 +36,7 @@ from rich.progress import Progress
 from _markdown import insert, markdown, page_with
 from fresnel_decomp import conductor, dielectric, doctor
 from fresnel_decomp._files import write_json
-from speed_table import UNROLL, about, describe, measure
+from speed_table import about, describe
 
 Array = NDArray[np.float64]
 Run = Callable[[], Any]
@@ -165,32 +165,23 @@ def kernels(
     import drjit as dr
     import mitsuba as mi
 
+    from fresnel_decomp.mitsuba.workloads import compute_bound, streaming
+
     many, few = arguments_of(options.points), arguments_of(options.elements)[0]
     one = [dr.opaque(mi.Float, value) for value in INDEX]
 
-    def streaming(function: Function, indices: Sequence[Any]) -> Run:
-        return lambda: dr.eval(function.run(many[0], *indices[: function.arity]))
-
-    def compute_bound(function: Function) -> Run:
-        def turn(i: Any, c: Any, total: Any) -> Any:
-            for j in range(UNROLL):
-                cosine = c * (1.0 - j / (2.0 * UNROLL))
-                total = total + function.run(cosine, *one[: function.arity])
-            return i + 1, 1.0 - 0.97 * c, total
-
-        def run() -> None:
-            state = (mi.UInt32(0), few, dr.zeros(mi.Float, options.elements))
-            dr.eval(dr.while_loop(state, lambda i, c, total: i < options.turns, turn)[2])
-
-        return run
+    def on_one_material(function: Function) -> Callable[[Any], Any]:
+        return lambda cosine: function.run(cosine, *one[: function.arity])
 
     def gradient(function: Function, mode: str) -> Run:
         return lambda: dr.eval(with_gradient(function, many, mode))
 
     kinds: dict[str, Callable[[Function], Run]] = {
-        "streaming, one material": lambda f: streaming(f, one),
-        "streaming, index from memory": lambda f: streaming(f, many[1:]),
-        "compute-bound": compute_bound,
+        "streaming, one material": lambda f: streaming(on_one_material(f), many[0]),
+        "streaming, index from memory": lambda f: streaming(
+            lambda cosine: f.run(cosine, *many[1 : 1 + f.arity]), many[0]
+        ),
+        "compute-bound": lambda f: compute_bound(on_one_material(f), mi.Float, few, options.turns),
         "value and gradient, backward": lambda f: gradient(f, "backward"),
         "value and gradient, forward": lambda f: gradient(f, "forward"),
     }
@@ -201,6 +192,8 @@ def summary(
     times: dict[str, dict[str, list[float]]], options: argparse.Namespace
 ) -> dict[str, dict[str, Cell]]:
     """By function and kind; the base is the first function of each kind."""
+    from fresnel_decomp.mitsuba.workloads import UNROLL
+
     results: dict[str, dict[str, Cell]] = {}
     for kind, by_name in times.items():
         base = np.array(next(iter(by_name.values())))
@@ -289,7 +282,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--rounds", type=int, default=21, help="at least 9")
     parser.add_argument("--points", type=int, default=10_000_000, help="evaluations, streaming")
     parser.add_argument("--elements", type=int, default=65_536, help="elements, compute-bound")
-    parser.add_argument("--turns", type=int, default=19, help=f"{UNROLL} evaluations each")
+    parser.add_argument("--turns", type=int, default=19, help="of the compute-bound loop")
     parser.add_argument("--threads", type=int, help="of the LLVM backend; default: all")
     parser.add_argument("--out", type=Path, help="also write the numbers to this JSON file")
     parser.add_argument(
@@ -308,13 +301,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     mi.set_variant(options.variant)
     if options.threads:
         dr.set_thread_count(options.threads)
+    from fresnel_decomp.mitsuba.timing import interleaved_times
+
     families = functions()
     results = {}
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("timing", total=len(families) * (options.rounds + 2))
         for base, candidates in families.items():
             check(candidates)
-            times = measure(
+            times = interleaved_times(
                 kernels(candidates, options), options.rounds, lambda: progress.advance(task)
             )
             results[base] = summary(times, options)

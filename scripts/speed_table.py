@@ -19,7 +19,6 @@ round), and ± half the distance between its quartiles.
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,9 +29,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
-from _machine import processor
 from _markdown import markdown
-from accuracy_table import TERMS
 from fresnel_decomp import (
     F82,
     RECIPES,
@@ -40,18 +37,16 @@ from fresnel_decomp import (
     Decomposition,
     Exact,
     Schlick,
-    __version__,
     conductor,
     curves,
     doctor,
     load_basis,
 )
 from fresnel_decomp._files import write_json
+from fresnel_decomp.accuracy import TERMS
 
 BASE = "mi.fresnel_conductor"
 NOTHING = "cosine only"
-RGB_INDEX = {"eta": [4.185, 3.185, 2.784], "k": [3.835, 3.010, 2.869]}  # about beryllium
-UNROLL = 8  # evaluations in each turn of the compute-bound loop
 
 Array = NDArray[np.float64]
 
@@ -78,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--rounds", type=int, default=15, help="at least 9")
     parser.add_argument("--points", type=int, default=10_000_000, help="cosines, streaming")
     parser.add_argument("--elements", type=int, default=65_536, help="elements, compute-bound")
-    parser.add_argument("--turns", type=int, default=16, help=f"{UNROLL} evaluations each")
+    parser.add_argument("--turns", type=int, default=16, help="of the compute-bound loop")
     parser.add_argument("--out", type=Path, help="also write the numbers to this JSON file")
     options = parser.parse_args(arguments)
     if options.rounds < 9:
@@ -90,13 +85,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     import mitsuba as mi
 
     mi.set_variant(options.variant)
+    from fresnel_decomp.mitsuba.timing import interleaved_times
+
     models = candidates(options.recipe)
     with Progress(console=Console(stderr=True), transient=True) as progress:
         test_set = curves.gulbrandsen_grid()
         task = progress.add_task("checking", total=len(test_set))
         errors = check(models, test_set, lambda count: progress.advance(task, count))
         task = progress.add_task("timing", total=options.rounds + 2)
-        times = measure(kernels(models, options), options.rounds, lambda: progress.advance(task))
+        times = interleaved_times(
+            kernels(models, options), options.rounds, lambda: progress.advance(task)
+        )
     results = summary(times, options)
     print(table(results, errors))
     base = results[BASE]
@@ -205,30 +204,15 @@ def kernels(
     import drjit as dr
     import mitsuba as mi
 
-    def cosines(size: int) -> Any:
-        values = mi.PCG32(size=size).next_float32()
-        dr.eval(values)
-        return values
+    from fresnel_decomp.mitsuba.workloads import (
+        BERYLLIUM,
+        compute_bound,
+        random_cosines,
+        streaming,
+    )
 
-    many, few = cosines(options.points), cosines(options.elements)
-    index = {name: np.array(values) for name, values in RGB_INDEX.items()}
-
-    def streaming(evaluate: Callable[[Any], Any]) -> Callable[[], Any]:
-        return lambda: dr.eval(evaluate(many))
-
-    def compute_bound(evaluate: Callable[[Any], Any], zero: Any) -> Callable[[], Any]:
-        def turn(i: Any, c: Any, total: Any) -> Any:
-            for j in range(UNROLL):
-                total = total + evaluate(c * (1.0 - j / (2.0 * UNROLL)))
-            return i + 1, 1.0 - 0.97 * c, total
-
-        def run() -> None:
-            total = dr.zeros(zero, options.elements)
-            state = (mi.UInt32(0), few, total)
-            dr.eval(dr.while_loop(state, lambda i, c, total: i < options.turns, turn)[2])
-
-        return run
-
+    many, few = random_cosines(options.points), random_cosines(options.elements)
+    index = {name: np.array(values) for name, values in BERYLLIUM.items()}
     result: dict[str, dict[str, Callable[[], Any]]] = {}
     one = dr.opaque(mi.Float, 1.0)
     for channels, kind in ((1, mi.Float), (3, mi.Color3f)):
@@ -239,38 +223,19 @@ def kernels(
             stored = [dr.opaque(kind, v.tolist() if channels > 1 else float(v[0])) for v in values]
             rows[model.name] = lambda c, model=model, stored=stored: model.evaluate(c, *stored)
         label = "one channel" if channels == 1 else "RGB"
-        result[f"streaming, {label}"] = {n: streaming(f) for n, f in rows.items()}
-        result[f"compute-bound, {label}"] = {n: compute_bound(f, kind) for n, f in rows.items()}
+        result[f"streaming, {label}"] = {n: streaming(f, many) for n, f in rows.items()}
+        result[f"compute-bound, {label}"] = {
+            n: compute_bound(f, kind, few, options.turns) for n, f in rows.items()
+        }
     return result
-
-
-def measure(
-    kinds: dict[str, dict[str, Callable[[], Any]]], rounds: int, advance: Callable[[], object]
-) -> dict[str, dict[str, list[float]]]:
-    """Kernel milliseconds of everything in each round, after two warm-up rounds."""
-    import drjit as dr
-
-    times: dict[str, dict[str, list[float]]] = {
-        kind: {name: [] for name in runs} for kind, runs in kinds.items()
-    }
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        for number in range(-2, rounds):
-            for kind, runs in kinds.items():
-                for name in list(runs)[:: -1 if number % 2 else 1]:
-                    dr.kernel_history_clear()
-                    runs[name]()
-                    dr.sync_thread()
-                    history = dr.kernel_history([dr.KernelType.JIT])
-                    if number >= 0:
-                        times[kind][name].append(sum(entry["execution_time"] for entry in history))
-            advance()
-    return times
 
 
 def summary(
     times: dict[str, dict[str, list[float]]], options: argparse.Namespace
 ) -> dict[str, dict[str, dict[str, float]]]:
     """By model and kind: median time of an evaluation, its ratio to the base, and its spread."""
+    from fresnel_decomp.mitsuba.workloads import UNROLL
+
     results: dict[str, dict[str, dict[str, float]]] = {}
     for kind, models in times.items():
         count = options.points
@@ -310,36 +275,26 @@ def _short(value: float) -> str:
 
 def about(options: argparse.Namespace) -> dict[str, Any]:
     """Machine, versions and settings."""
-    import drjit as dr
-    import mitsuba as mi
+    from fresnel_decomp.machine import machine_facts
+    from fresnel_decomp.mitsuba.workloads import BERYLLIUM, UNROLL
 
-    llvm = options.variant.startswith("llvm")
     return {
         "what": "curve evaluation, not rendering",
-        "variant": options.variant,
-        "machine": processor(),
-        "cpus": os.cpu_count(),
-        "threads": dr.thread_count() if llvm else None,
-        "llvm": ".".join(map(str, dr.detail.llvm_version() or ())) if llvm else None,
-        "mitsuba": mi.__version__,
-        "drjit": dr.__version__,
-        "fresnel_decomp": __version__,
+        **machine_facts(options.variant),
         "recipe": options.recipe,
         "rounds": options.rounds,
         "points": options.points,
         "elements": options.elements,
         "evaluations_per_element": options.turns * UNROLL,
-        "indices": RGB_INDEX,
+        "indices": BERYLLIUM,
     }
 
 
 def describe(facts: dict[str, Any]) -> str:
     """One line on where and how the times were taken."""
-    threads = f", {facts['threads']} threads, LLVM {facts['llvm']}" if facts["threads"] else ""
-    return (
-        f"Medians of {facts['rounds']} runs in {facts['variant']}, {facts['machine']}{threads}, "
-        f"Mitsuba {facts['mitsuba']}, Dr.Jit {facts['drjit']}."
-    )
+    from fresnel_decomp.machine import describe_machine
+
+    return f"Medians of {facts['rounds']} runs in {describe_machine(facts)}."
 
 
 if __name__ == "__main__":

@@ -105,6 +105,7 @@ def html(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("furo")
     folder = tmp_path_factory.mktemp("documentation")
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
+    command += ["-D", "nb_execution_mode=off"]  # `make docs` executes, and so does test_notebook
     build = subprocess.run(
         [*command, "-d", str(folder / "doctrees"), str(ROOT / "docs"), str(folder / "html")],
         capture_output=True,
@@ -118,11 +119,13 @@ def html(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_documentation_builds(html: Path):
-    notebook = (html / "notebook.html").read_text(encoding="utf-8")
-    assert notebook.count("<img") >= 5
-    assert "Traceback" not in notebook
     assert "<math" in (html / "decomposition.html").read_text(encoding="utf-8")
-    assert "cdn." not in notebook  # readable without a network
+    pages = sorted((html / "notebooks").glob("*.html"))
+    assert len(pages) == len(list((ROOT / "notebooks").glob("*.py")))
+    for page in pages:
+        notebook = page.read_text(encoding="utf-8")
+        assert notebook.count("<h2") >= 4
+        assert "cdn." not in notebook  # readable without a network
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from ._version import __version__
 
 if TYPE_CHECKING:
     from . import albedo as albedo
+    from . import area_light as area_light
     from . import basis as basis
     from . import basis_table as basis_table
     from . import closed_form as closed_form
@@ -25,9 +26,11 @@ if TYPE_CHECKING:
     from . import extraction as extraction
     from . import fresnel as fresnel
     from . import images as images
+    from . import ltc as ltc
     from . import microfacet as microfacet
     from . import mitsuba as mitsuba
     from . import models as models
+    from . import notebook as notebook
     from . import parametrization as parametrization
     from . import random_walk as random_walk
     from . import representations as representations
@@ -35,6 +38,7 @@ if TYPE_CHECKING:
     from . import table as table
     from ._check import InputError
     from .albedo import directional_albedo
+    from .area_light import AreaLight, AreaMaterial, shade_area_light
     from .basis import Basis, FitError, extract_basis, load_basis
     from .basis_table import BasisTable
     from .closed_form import ClosedForm
@@ -51,6 +55,7 @@ if TYPE_CHECKING:
         refracted_cosine,
         transmittance,
     )
+    from .ltc import LobeTable, load_lobes
     from .models import F82, Decomposition, Exact, Gulbrandsen, Lazanyi, Schlick, model_from_ior
     from .parametrization import (
         f0_from_ior,
@@ -65,6 +70,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "_check": ["InputError"],
     "albedo": ["directional_albedo"],
+    "area_light": ["AreaLight", "AreaMaterial", "shade_area_light"],
     "basis": ["Basis", "FitError", "extract_basis", "load_basis"],
     "basis_table": ["BasisTable"],
     "closed_form": ["ClosedForm"],
@@ -81,6 +87,7 @@ _HOMES = {
         "refracted_cosine",
         "transmittance",
     ],
+    "ltc": ["LobeTable", "load_lobes"],
     "models": [
         "F82",
         "Decomposition",
@@ -101,12 +108,17 @@ _HOMES = {
     "table": ["AlbedoTable"],
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
-_SUBMODULES = {"doctor", "images", "microfacet", "mitsuba", "random_walk", *_HOMES} - {"_check"}
+_SUBMODULES = {
+    *("doctor", "images", "microfacet", "mitsuba", "notebook", "random_walk"),
+    *_HOMES,
+} - {"_check"}
 
 __all__ = [
     "F82",
     "RECIPES",
     "AlbedoTable",
+    "AreaLight",
+    "AreaMaterial",
     "Basis",
     "BasisTable",
     "ClosedForm",
@@ -121,6 +133,7 @@ __all__ = [
     "InputError",
     "Lazanyi",
     "LinearTint",
+    "LobeTable",
     "Loss",
     "Material",
     "MetallicBase",
@@ -141,12 +154,14 @@ __all__ = [
     "linear_to_srgb",
     "list_materials",
     "load_basis",
+    "load_lobes",
     "load_material",
     "model_from_ior",
     "polarized",
     "reflectance_components",
     "refracted_cosine",
     "rgb_weights",
+    "shade_area_light",
     "transmittance",
 ]
 

@@ -59,6 +59,7 @@ class Ops:
     sin: Callable[..., Any]
     cos: Callable[..., Any]
     exp: Callable[..., Any]
+    log: Callable[..., Any]
     erf: Callable[..., Any]
     erfinv: Callable[..., Any]
     arccos: Callable[..., Any]
@@ -104,7 +105,7 @@ class NumPyOps(Ops):
         self.dtype = np.dtype(dtype)
         self.sqrt, self.abs = np.sqrt, np.abs
         self.minimum, self.maximum, self.select = np.minimum, np.maximum, np.where
-        self.sin, self.cos, self.exp = np.sin, np.cos, np.exp
+        self.sin, self.cos, self.exp, self.log = np.sin, np.cos, np.exp, np.log
         self.arccos, self.arctan2 = np.arccos, np.arctan2
         self.erf, self.erfinv = _from_scipy("erf"), _from_scipy("erfinv")
 
@@ -159,7 +160,7 @@ class DrJitOps(Ops):
         self.dr = dr
         self.sqrt, self.abs = dr.sqrt, dr.abs
         self.minimum, self.maximum, self.select = dr.minimum, dr.maximum, dr.select
-        self.sin, self.cos, self.exp = dr.sin, dr.cos, dr.exp
+        self.sin, self.cos, self.exp, self.log = dr.sin, dr.cos, dr.exp, dr.log
         self.erf, self.erfinv = dr.erf, dr.erfinv
         self.arccos, self.arctan2 = dr.acos, dr.atan2
 

@@ -394,6 +394,81 @@ def plan(
 
 
 @cli.command()
+@click.option(
+    "--models",
+    multiple=True,
+    default=("*",),
+    show_default=True,
+    help='Name or pattern, such as Schlick or "balanced*". Repeatable.',
+)
+@click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
+@click.option("--rounds", type=int, help="That count, at least 3.  [default: 11]")
+@click.option("--seed", type=int, default=0, show_default=True, help="0 to 2^32 - 1.")
+@click.option("--quick", is_flag=True, help="Tiny kernels, to see that everything runs.")
+@click.option("--force", is_flag=True, help="Measure again what is finished.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Folder for the results.  [default: out/bench; with --quick out/bench-quick]",
+)
+def bench(
+    models: tuple[str, ...],
+    variant: str | None,
+    rounds: int | None,
+    seed: int,
+    quick: bool,
+    force: bool,
+    out: Path | None,
+) -> None:
+    """Measure every Fresnel model: error and cost, and draw which are the best.
+
+    Writes speed_vs_error.csv, .json, .md and a figure for each kind of cost. Answers are checked
+    before anything is timed. All models take about ten minutes on a quiet machine; Ctrl-C is
+    welcome, the same command goes on.
+
+    \b
+    fresnel-decomp bench
+    fresnel-decomp bench --models Schlick --models F82 --models "balanced, ? terms"
+    """
+    from . import doctor
+    from .report.bench import Settings
+
+    changes: dict[str, Any] = {"variant": variant or doctor.best_variant(), "models": models}
+    changes |= {"seed": seed} | ({} if rounds is None else {"rounds": rounds})
+    settings = Settings.quick(**changes) if quick else Settings(**changes)
+    folder = out or Path("out") / ("bench-quick" if quick else "bench")
+    run_bench(settings, folder, force)
+
+
+def run_bench(settings: Any, folder: Path, force: bool = False) -> Any:
+    """Run a benchmark with a progress bar, write its files, and say what they are."""
+    from .mitsuba.candidates import WrongAnswerError
+    from .report import bench_figures, bench_tables
+    from .report.bench import run
+
+    settings.check()
+    try:
+        with _progress() as progress:
+            result = run(settings, folder, force=force, progress=progress)
+    except WrongAnswerError as error:
+        click.echo(f"Error: {error}", err=True)
+        sys.exit(1)
+    except KeyboardInterrupt:
+        click.echo(
+            f"Interrupted. What was finished is in {folder}; the same command continues there.",
+            err=True,
+        )
+        sys.exit(130)
+    about = bench_tables.about_line(result.about)
+    written = bench_tables.write(result, folder)
+    written += bench_figures.write_figures(result.rows, folder, about)
+    click.echo(about)
+    click.echo(bench_tables.recipe_table(result.rows))
+    click.echo(f"Wrote {', '.join(path.name for path in written)} to {folder}")
+    return result
+
+
+@cli.command()
 @click.option("--fix", is_flag=True, help="Get a working LLVM if there is none, without root.")
 def doctor(fix: bool) -> None:
     """Say which Mitsuba variants work here, and what to do about those that do not."""

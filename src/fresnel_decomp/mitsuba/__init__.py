@@ -1,9 +1,14 @@
-"""The decomposition in Mitsuba 3: the BSDF plugin `decomposed_conductor`.
+"""The decomposition in Mitsuba 3: BSDF plugins `decomposed_conductor`, `decomposed_principled`.
 
-Importing this package loads Mitsuba but sets no variant. Inside it, `mi` is the renderer.
+Importing this package loads Mitsuba but sets no variant. Its modules are loaded on first use, so
+that `fresnel_decomp.mitsuba.scenes` needs no import of its own. Inside it, `mi` is the renderer.
 """
 
 from __future__ import annotations
+
+import importlib
+import pkgutil
+from typing import Any
 
 import mitsuba as mi
 
@@ -12,13 +17,25 @@ from .._check import input_error
 __all__ = ["register"]
 
 _registered: set[str] = set()
+_MODULES = {module.name for module in pkgutil.iter_modules(__path__)}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return importlib.import_module(f".{name}", __name__)
+    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_MODULES})
 
 
 def register() -> None:
-    """Make the BSDF plugin `decomposed_conductor` known to Mitsuba.
+    """Make the BSDF plugins `decomposed_conductor` and `decomposed_principled` known to Mitsuba.
 
-    It is registered for the active variant, and for every variant that is set later. Calling this
-    again does no harm. The parameters are those of `DecomposedConductor`.
+    They are registered for the active variant, and for every variant that is set later. Calling
+    this again does no harm. The parameters are those of `DecomposedConductor` and
+    `DecomposedPrincipled`.
 
     Raises
     ------
@@ -47,7 +64,8 @@ def register() -> None:
 def _register_variant(_old: str | None, new: str) -> None:
     if new in _registered:
         return
-    from .conductor import plugin_class
+    from . import conductor, principled
 
-    mi.register_bsdf("decomposed_conductor", plugin_class())
+    mi.register_bsdf("decomposed_conductor", conductor.plugin_class())
+    mi.register_bsdf("decomposed_principled", principled.plugin_class())
     _registered.add(new)

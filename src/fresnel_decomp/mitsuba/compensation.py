@@ -31,21 +31,11 @@ from ..energy import weighted as weighted_sum
 from ..microfacet import Distribution, Smith
 from ..table import AlbedoTable
 from .albedo_texture import AlbedoTexture
+from .microfacet_lobe import raised
 from .ranges import recording
 from .tabulation import stored_values
 
-__all__ = ["Lobe", "Scaling", "Uncompensated", "chosen_compensation", "raised"]
-
-_LEAST_COSINE = 1e-12
-"""The squared tangent of a lower direction, and its derivatives, would leave float32."""
-
-
-def raised(direction: Any) -> Any:
-    """The direction, or one just above the horizon instead of one on or below it.
-
-    What is computed from it is finite, with finite derivatives, also where it is discarded.
-    """
-    return mi.Vector3f(direction.x, direction.y, dr.maximum(direction.z, _LEAST_COSINE))
+__all__ = ["Lobe", "Scaling", "Uncompensated", "chosen_compensation"]
 
 
 def chosen_compensation(props: Any, plugin: Any) -> Uncompensated:
@@ -203,7 +193,10 @@ class _Compensated(Uncompensated):
 
     def __init__(self, plugin: Any) -> None:
         ggx = plugin.distribution == mi.MicrofacetType.GGX
-        made_of: Any = (plugin.term.functions, "ggx" if ggx else "beckmann", plugin.smith)
+        # not `term.functions` of a basis: other plugins have the same closed form, and its tables
+        on_basis = plugin.fresnel in ("exact", "decomposition")
+        functions = plugin.basis().closed_form if on_basis else plugin.term.functions
+        made_of: Any = (functions, "ggx" if ggx else "beckmann", plugin.smith)
         self.energy = _energy_table(*made_of)
         isotropic = plugin.alpha_u is plugin.alpha_v
         self.tables: Any = _Isotropic(self.energy) if isotropic else _Anisotropic(*made_of)
@@ -211,8 +204,17 @@ class _Compensated(Uncompensated):
     def update(self, plugin: Any) -> None:
         self.tables.update(plugin)
 
+    def coefficients(self, plugin: Any, si: Any, active: Any) -> Any:
+        """Of the functions in the table; the exact term is projected onto the basis."""
+        values = plugin.lookup.evaluate(si, active)
+        if plugin.fresnel != "exact":
+            return plugin.term.weights(*values)
+        basis = plugin.basis()
+        f0, *nodes = (plugin.term(float(np.cos(t)), *values) for t in (0.0, *basis.nodes))
+        return basis.coefficients_from_reflectance(f0, nodes)
+
     def averages(self, plugin: Any, si: Any, active: Any) -> _Averages:
-        coefficients = plugin.term.coefficients(*plugin.lookup.evaluate(si, active))
+        coefficients = self.coefficients(plugin, si, active)
         average = weighted_sum(coefficients, [float(b) for b in self.energy.averages])
         loss, *ratios = self.tables.loss_rows(plugin, si, active)
         strength = gain(average, loss)

@@ -25,16 +25,15 @@ from ..microfacet import SMITH
 from ..parametrization import F82_COSINE
 from ..spectra import Material as Spectrum
 from ..spectra import load_material
-from .compensation import chosen_compensation, raised
+from .compensation import chosen_compensation
 from .fresnel_terms import F82, Decomposition, Exact, Material, Schlick, parameter_set
+from .microfacet_lobe import correlated, derived, mueller, raised, weight_and_density
 from .ranges import check_range, recording
 from .tabulation import children, direct, tabulate
 
 __all__ = ["DecomposedConductor", "plugin_class"]
 
 _log = logging.getLogger(__name__)
-
-_OWN_SLOTS = ("__dict__", "__weakref__")
 
 _PERMISSIONS = ("allow_partial", "allow_broken")
 
@@ -192,9 +191,8 @@ class DecomposedConductor:
             self.parameters = {name: _texture(props, name) for name in names}
         self.fresnel, self.kind = fresnel, kind
         self.basis = lambda: basis
-        make: dict[str, Any] = {"schlick": Schlick, "f82": F82}
-        on_basis: dict[str, Any] = {"exact": Exact, "decomposition": Decomposition}
-        self.term = make[fresnel]() if fresnel in make else on_basis[fresnel](basis)
+        make: dict[str, Any] = {"exact": Exact, "schlick": Schlick, "f82": F82}
+        self.term = make[fresnel]() if fresnel in make else Decomposition(basis)
         self.tables: list[Any] = []
         self._project()
 
@@ -274,7 +272,7 @@ class DecomposedConductor:
         if self.specular_reflectance is not None:
             weight = weight * self.specular_reflectance.eval(si, active)
         if mi.is_polarized and self.fresnel == "exact":
-            result = _mueller(ctx, wi, wo, m, weight, *values)
+            result = mueller(ctx, wi, wo, m, weight, *values)
         else:
             result = self.term(dr.dot(wi, m), *values) * weight
             if mi.is_polarized:
@@ -304,7 +302,7 @@ class DecomposedConductor:
         if self.sample_visible:
             weight = distr.smith_g1(wo, m)
             if self.smith == "correlated":
-                weight = _correlated(1.0, distr.smith_g1(wi, m), weight)
+                weight = correlated(1.0, distr.smith_g1(wi, m), weight)
         else:
             weight = self._shadowing(distr, wi, wo, m) * dr.dot(wi, m)
             weight /= cos_i * mi.Frame3f.cos_theta(m)
@@ -316,7 +314,7 @@ class DecomposedConductor:
         if self.smith == "separable":
             return distr.G(wi, wo, m)
         g_i, g_o = distr.smith_g1(wi, m), distr.smith_g1(wo, m)
-        return _correlated(g_i, g_i, g_o)
+        return correlated(g_i, g_i, g_o)
 
     def _both_sides(self, ctx: Any, si: Any, wo: Any, active: Any) -> tuple[Any, Any, Any, Any]:
         """Both directions, half vector, and where they agree on the side of the surface."""
@@ -363,16 +361,9 @@ class DecomposedConductor:
         if active is False:
             value = self.compensation.complete(self, si, wi, wo, dr.zeros(mi.Spectrum), both)
             return value, self.compensation.mixed(self, si, wi, wo, mi.Float(0.0), both)
-        distr, cos_i = self._microfacets(si, active), mi.Frame3f.cos_theta(wi)
-        d = distr.eval(m)
+        distr = self._microfacets(si, active)
+        d, weight, density = weight_and_density(distr, wi, wo, m, self.sample_visible, self.smith)
         active &= d != 0.0
-        g1_i, g1_o = distr.smith_g1(wi, m), distr.smith_g1(wo, m)
-        g = g1_i * g1_o if self.smith == "separable" else _correlated(g1_i, g1_i, g1_o)
-        weight = d * g / (4.0 * cos_i)
-        if self.sample_visible:
-            density = d * g1_i / (4.0 * cos_i)
-        else:
-            density = distr.pdf(wi, m) / (4.0 * dr.dot(wo, m))
         value = self._reflect(ctx, si, wi, wo, m, weight, active)
         value = self.compensation.complete(self, si, wi, wo, value, both)
         density = dr.select(active, density, 0.0)
@@ -395,9 +386,7 @@ class DecomposedConductor:
 
 def plugin_class() -> type:
     """The plugin class for the active variant."""
-    # a class of Mitsuba's takes no second base, so it gets the methods themselves
-    body = {k: v for k, v in vars(DecomposedConductor).items() if k not in _OWN_SLOTS}
-    return type("DecomposedConductor", (mi.BSDF,), body)
+    return derived(DecomposedConductor)
 
 
 def _preset(name: str) -> dict[str, Any]:
@@ -463,13 +452,6 @@ def _spectrum(values: NDArray[np.float64]) -> Any:
     )
 
 
-def _correlated(g: Any, g_i: Any, g_o: Any) -> Any:
-    """G2 of height-correlated Smith, times g / g_i."""
-    total = g_i + g_o - g_i * g_o
-    some = total > 0.0
-    return dr.select(some, g * g_o / dr.select(some, total, 1.0), 0.0)
-
-
 def _uniform(value: float) -> Any:
     return mi.load_dict({"type": "uniform", "value": value})
 
@@ -483,30 +465,3 @@ def _texture(props: Any, name: str) -> Any:
             "use an RGB variant, or give eta and k.",
         )
     return props.get_unbounded_texture(name)
-
-
-def _mueller(ctx: Any, wi: Any, wo: Any, m: Any, weight: Any, eta: Any, k: Any) -> Any:
-    """Mueller matrix of specular reflection at `m`, between the Stokes bases of both rays."""
-    radiance = ctx.mode == mi.TransportMode.Radiance
-    incoming, outgoing = (-wo, wi) if radiance else (-wi, wo)
-    s_in, s_out = dr.cross(m, incoming), dr.cross(m, outgoing)
-    collinear = dr.all(s_in == mi.Vector3f(0))  # no plane of incidence: any axis will do
-    s_in = dr.select(collinear, mi.Vector3f(1, 0, 0), dr.normalize(s_in))
-    s_out = dr.select(collinear, mi.Vector3f(1, 0, 0), dr.normalize(s_out))
-    frames = [
-        *(incoming, s_in, mi.mueller.stokes_basis(incoming)),
-        *(outgoing, s_out, mi.mueller.stokes_basis(outgoing)),
-    ]
-    channels = [
-        mi.mueller.rotate_mueller_basis(
-            mi.mueller.specular_reflection(dr.dot(-incoming, m), mi.Complex2f(*index)), *frames
-        )
-        for index in zip(eta, k, strict=True)
-    ]
-    result = dr.zeros(mi.Spectrum)
-    for i in range(4):
-        for j in range(4):
-            values = [channel[i, j] for channel in channels]
-            entry = mi.UnpolarizedSpectrum(values if len(values) > 1 else values[0])
-            result[i, j] = entry * weight
-    return result

@@ -3,9 +3,10 @@
 A *material* is a set of parameters that determines reflectance: `Indices` (eta, k), `Gulbrandsen`
 (r, g), `NodeColours` (f0, f1, ...) or `Coefficients` (c0, c1, ...). A *term* (`Exact`, `Schlick`,
 `F82`, `Decomposition`) says which numbers it needs of a material (`project`, done once, on flat
-arrays) and evaluates them at a shading point (calling it, per channel). For integrals it names
-functions b_0 = 1, b_1, ... of the cosine (`functions`) and the numbers as coefficients of these
-(`coefficients`).
+arrays) and evaluates them at a shading point (calling it, per channel).
+
+All terms but the exact one are sums of few `functions` of the cosine, times the `weights` that
+follow from the numbers: what can be integrated ahead of time.
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ import numpy as np
 
 from .._check import input_error
 from .._schlick import bend_factor, bent_schlick, schlick
-from ..fresnel import conductor
+from ..fresnel import conductor, dielectric
 from ..parametrization import F82_COSINE, gulbrandsen_to_ior
 
 if TYPE_CHECKING:
     from ..basis import Basis
 
-__all__ = ["F82", "Decomposition", "Exact", "Material", "Schlick", "parameter_set"]
+__all__ = ["F82", "Decomposition", "Exact", "Lossless", "Material", "Schlick", "parameter_set"]
 
 
 def parameter_set(given: Sequence[str], terms: int) -> tuple[str, tuple[str, ...]]:
@@ -101,25 +102,24 @@ class Material:
 
 
 class Exact:
-    """Mitsuba's own exact Fresnel equations, as in the built-in `roughconductor`.
+    """Mitsuba's own exact Fresnel equations, as in the built-in `roughconductor`."""
 
-    For integrals they are projected onto a basis, at every shading point.
-    """
-
-    project = staticmethod(Material.indices)
-
-    def __init__(self, basis: Basis) -> None:
-        self.basis = basis
-        self.functions = basis.closed_form
+    @staticmethod
+    def project(material: Material) -> Sequence[Any]:
+        return material.indices()
 
     def __call__(self, cos_theta: Any, eta: Any, k: Any) -> Any:
         channels = zip(eta, k, strict=True)
         values = [mi.fresnel_conductor(cos_theta, mi.Complex2f(*index)) for index in channels]
         return mi.UnpolarizedSpectrum(values if len(values) > 1 else values[0])
 
-    def coefficients(self, eta: Any, k: Any) -> Sequence[Any]:
-        f0, *nodes = (self(float(np.cos(t)), eta, k) for t in (0.0, *self.basis.nodes))
-        return self.basis.coefficients_from_reflectance(f0, nodes)
+
+class Lossless(Exact):
+    """Our own equations for k = 0: right, with their derivatives, down to eta = 1."""
+
+    def __call__(self, cos_theta: Any, eta: Any, k: Any) -> Any:
+        values = [dielectric(cos_theta, channel, precision="native") for channel in eta]
+        return mi.UnpolarizedSpectrum(values if len(values) > 1 else values[0])
 
 
 class Schlick:
@@ -134,10 +134,10 @@ class Schlick:
 
     @staticmethod
     def functions(cos_theta: np.ndarray) -> np.ndarray:
-        return np.stack([1.0 + 0.0 * cos_theta, (1.0 - cos_theta) ** 5], axis=-1)
+        return np.stack([np.ones_like(cos_theta), (1.0 - cos_theta) ** 5], axis=-1)
 
     @staticmethod
-    def coefficients(f0: Any) -> Sequence[Any]:
+    def weights(f0: Any) -> tuple[Any, ...]:
         return f0, 1.0 - f0
 
 
@@ -154,26 +154,30 @@ class F82:
 
     @staticmethod
     def functions(cos_theta: np.ndarray) -> np.ndarray:
-        x = 1.0 - cos_theta
-        return np.stack([1.0 + 0.0 * x, x**5, -cos_theta * x**6], axis=-1)
+        bend = cos_theta * (1.0 - cos_theta) ** 6
+        return np.concatenate([Schlick.functions(cos_theta), bend[..., None]], axis=-1)
 
     @staticmethod
-    def coefficients(f0: Any, a: Any) -> Sequence[Any]:
-        return f0, 1.0 - f0, a
+    def weights(f0: Any, a: Any) -> tuple[Any, ...]:
+        return f0, 1.0 - f0, -a
 
 
 class Decomposition:
     """Sum of c_i b_i(cos), with `basis.closed_form`: one division, shared by all channels."""
 
-    project = staticmethod(Material.coefficients)
+    @staticmethod
+    def project(material: Material) -> Sequence[Any]:
+        return material.coefficients()
 
     def __init__(self, basis: Basis) -> None:
         self.basis = basis
-        self.functions = basis.closed_form
 
     def __call__(self, cos_theta: Any, *coefficients: Any) -> Any:
         return self.basis.closed_form.evaluate(coefficients, cos_theta)
 
+    def functions(self, cos_theta: np.ndarray) -> np.ndarray:
+        return self.basis.closed_form(cos_theta)
+
     @staticmethod
-    def coefficients(*coefficients: Any) -> Sequence[Any]:
+    def weights(*coefficients: Any) -> tuple[Any, ...]:
         return coefficients

@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from .._check import input_error
 
-__all__ = ["count_operations", "count_vector_operations"]
+__all__ = ["count_gathers", "count_operations", "count_vector_operations"]
 
 _LLVM = re.compile(
     r"= (?:call (?:fast )?<.*?@llvm\.(?P<call>[a-z]+)[\w.]*\.v\d+f\d+"
@@ -98,18 +98,42 @@ def count_vector_operations(
     >>> sorted(count_vector_operations(doubled, 0.5).items())
     [(('fcmp', 32), 1), (('fmul', 64), 1), (('fpext', 64), 1), (('select', 64), 1)]
     """
-    if not str(mi.variant()).startswith("llvm"):
-        raise input_error(
-            f"variant {mi.variant()}", "an llvm_ad variant", "Choose one with mi.set_variant."
-        )
+    _llvm_only()
     found: Counter[tuple[str, int]] = Counter()
     for line in _lines(function, arguments):
         match = _VECTOR.search(line)
-        if match:
+        if match and match["call"] != "masked":  # a load
             kinds = re.findall(r"<\d+ x (\w+)>", line)
             bits = max(_BITS.get(kind) or int(kind.removeprefix("i")) for kind in kinds)
             found[next(filter(None, match.groups())), bits] += 1
     return found
+
+
+def count_gathers(function: Callable[..., Any], *arguments: float) -> int:
+    """Loads from places that differ within a packet, LLVM variants only: a table's.
+
+    Parameters, errors: as for `count_vector_operations`.
+
+    Examples
+    --------
+    >>> import mitsuba as mi
+    >>> from fresnel_decomp import load_basis
+    >>> from fresnel_decomp.mitsuba.operations import count_gathers
+    >>> mi.set_variant("llvm_ad_rgb")
+    >>> count_gathers(load_basis().table(64), 0.5)  # three functions between two samples
+    6
+    """
+    _llvm_only()
+    return sum(
+        "= call" in line and "@llvm.masked.gather" in line for line in _lines(function, arguments)
+    )
+
+
+def _llvm_only() -> None:
+    if not str(mi.variant()).startswith("llvm"):
+        raise input_error(
+            f"variant {mi.variant()}", "an llvm_ad variant", "Choose one with mi.set_variant."
+        )
 
 
 def _lines(function: Callable[..., Any], arguments: tuple[float, ...]) -> list[str]:

@@ -18,6 +18,11 @@ _Range = tuple[Callable[[Any], Any], str, str]  # what it contains, in words, ad
 
 _ANY: _Range = (lambda x: True, "finite values", "Check the texture or the spectrum.")
 _ROUGHNESS: _Range = (lambda x: x > 0.0, "finite values > 0", "For a mirror, use 0.001.")
+_FRACTION: _Range = (
+    lambda x: (x >= 0.0) & (x <= 1.0),
+    "values in [0, 1]",
+    "Scale or clip the texture.",
+)
 _RANGES: dict[str, _Range] = {
     "eta": (lambda x: x > 0.0, "finite values > 0", "Give eta relative to the medium outside."),
     "k": (
@@ -32,13 +37,28 @@ _RANGES: dict[str, _Range] = {
         "image, scale it below 1, for instance by 0.99.",
     ),
     "g": (lambda x: (x >= 0.0) & (x <= 1.0), "values in [0, 1]", "The edge tint is a fraction."),
+    "dielectric_f0": (
+        lambda x: (x >= 0.0) & (x < 1.0),
+        "values in [0, 1)",
+        "Plastics have 0.04; no finite index of refraction has 1.",
+    ),
+    "dielectric eta": (
+        lambda x: x >= 1.0,
+        "finite values >= 1",
+        "Give eta relative to the medium outside; there is no light inside to be reflected.",
+    ),
+    "base_color": _FRACTION,
+    "metallic": _FRACTION,
+    "roughness": _FRACTION,
+    "edge_tint": _FRACTION,
+    "edge_color": _FRACTION,
     "alpha": _ROUGHNESS,
     "alpha_u": _ROUGHNESS,
     "alpha_v": _ROUGHNESS,
 }
 
 
-def check_range(name: str, texture: Any, zero: bool = False) -> None:
+def check_range(name: str, texture: Any, zero: bool = False, like: str | None = None) -> None:
     """Refuse a texture with values out of the range of the parameter `name`.
 
     Textures whose values cannot be read when they are set are taken as they are; so are all in
@@ -50,6 +70,8 @@ def check_range(name: str, texture: Any, zero: bool = False) -> None:
     texture : mi.Texture
     zero : bool
         Accept 0 beside what the range has.
+    like : str, optional
+        Another parameter whose range holds.
 
     Raises
     ------
@@ -58,7 +80,7 @@ def check_range(name: str, texture: Any, zero: bool = False) -> None:
     """
     if recording():
         return
-    contains, accepted, advice = _RANGES.get(name, _ANY)
+    contains, accepted, advice = _RANGES.get(like or name, _ANY)
     for values in stored_values(texture):
         valid = dr.isfinite(values) & contains(values)
         if not dr.all((valid | (values == 0.0)) if zero else valid):

@@ -290,7 +290,11 @@ def compensated_albedo(energy: EnergyTable, coefficients: Any) -> CompensatedAlb
 
 
 def integrated_albedo(
-    curve: Callable[[Any], Any], alpha: float, smith: Smith = "separable"
+    curve: Callable[[Any], Any],
+    alpha: float,
+    smith: Smith = "separable",
+    *,
+    cosines: int = _COSINES,
 ) -> SplitAlbedo:
     """Albedo of any curve at one roughness, by `directional_albedo` at 1,025 cosines.
 
@@ -301,6 +305,8 @@ def integrated_albedo(
     alpha : float ≥ 0
         The result is for this roughness, whatever it is called with.
     smith : {"separable", "correlated"}
+    cosines : int ≥ 2
+        Between them the albedo is interpolated; 65 are enough for a preview, and quick.
 
     Returns
     -------
@@ -309,17 +315,17 @@ def integrated_albedo(
     Raises
     ------
     InputError
-        For other roughnesses and conventions.
+        For other roughnesses, conventions and numbers of cosines.
     """
     if not is_real(alpha, 0.0, sys.float_info.max):
         raise input_error(
             f"alpha={alpha!r}", "a finite number ≥ 0", "It is the square of the perceptual."
         )
-    root = np.linspace(0.0, 1.0, _COSINES)
+    layout = Layout(cosines, 2)
+    root = np.linspace(0.0, 1.0, layout.width)
     values = directional_albedo(
         lambda cos_theta: curve(cos_theta[..., None]), root * root, float(alpha), smith=smith
     )
-    layout = Layout(_COSINES, 2)
     table = AlbedoTable(np.stack([values, values]), layout, smith)  # both rows alike
     return SplitAlbedo(table, np.eye(3))
 
@@ -421,6 +427,8 @@ class VisibleSurface:
         Index into `names`, -1 where nothing is seen.
     names : tuple of str
         Of the shapes of the scene.
+    position : vectors
+        Of the surface; anything where nothing is seen.
     """
 
     size: tuple[int, int]
@@ -429,6 +437,7 @@ class VisibleSurface:
     view: Any
     shape: Any
     names: tuple[str, ...]
+    position: Any
 
     def coverage(self) -> np.ndarray:
         """(height, width) float64: the share of each pixel's samples that see a shape."""
@@ -480,10 +489,11 @@ def visible_surface(scene: Any, spp: int = 16, seed: int = 0) -> VisibleSurface:
     shapes = scene.shapes()
     names = tuple(shape.id() for shape in shapes)
     trace = _trace_one_by_one if str(mi.variant()).startswith("scalar") else _trace
-    return VisibleSurface((width, height), spp, *trace(scene, sensor, position, shapes), names)
+    normal, view, index, place = trace(scene, sensor, position, shapes)
+    return VisibleSurface((width, height), spp, normal, view, index, names, place)
 
 
-def _trace(scene: Any, sensor: Any, position: np.ndarray, shapes: Any) -> tuple[Any, Any, Any]:
+def _trace(scene: Any, sensor: Any, position: np.ndarray, shapes: Any) -> tuple[Any, ...]:
     import drjit as dr
     import mitsuba as mi
 
@@ -494,26 +504,26 @@ def _trace(scene: Any, sensor: Any, position: np.ndarray, shapes: Any) -> tuple[
     for i, shape in enumerate(shapes):
         seen = si.is_valid() & (si.shape == mi.ShapePtr(shape))
         index = dr.select(seen, i, index)
-    normal, view = mi.Vector3f(si.sh_frame.n), -ray.d
-    dr.eval(normal, view, index)
-    return normal, view, index
+    normal, view, place = mi.Vector3f(si.sh_frame.n), -ray.d, mi.Vector3f(si.p)
+    dr.eval(normal, view, index, place)
+    return normal, view, index, place
 
 
 def _trace_one_by_one(
     scene: Any, sensor: Any, position: np.ndarray, shapes: Any
-) -> tuple[Any, Any, Any]:
+) -> tuple[Any, ...]:
     import mitsuba as mi
 
-    normal, view = np.zeros((2, len(position), 3))
+    normal, view, place = np.zeros((3, len(position), 3))
     index = np.full(len(position), -1)
     for i, (x, y) in enumerate(position.tolist()):
         ray, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))
         si = scene.ray_intersect(ray)
         view[i] = -np.array(ray.d)
         if si.is_valid():
-            normal[i] = np.array(si.sh_frame.n)
+            normal[i], place[i] = np.array(si.sh_frame.n), np.array(si.p)
             index[i] = next((j for j, shape in enumerate(shapes) if shape == si.shape), -1)
-    return normal, view, index
+    return normal, view, index, place
 
 
 def render_split_sum(
@@ -546,8 +556,6 @@ def render_split_sum(
     InputError
         If a shape has no material.
     """
-    import mitsuba as mi
-
     named: list[tuple[Any, SplitMaterial]]
     if isinstance(materials, SplitMaterial):
         named = [(surface.shape >= 0, materials)]
@@ -559,18 +567,25 @@ def render_split_sum(
     if background:
         away = -surface.view
         sky = light.lookup(away, type(away[0])(0.0) if vectorised else 0.0)
-        colour = _where(surface.shape < 0, sky, colour)
+        colour = where(surface.shape < 0, sky, colour)
     for seen, material in named:
         lit = shade(light, material.albedo, surface.normal, surface.view, material.alpha)
-        colour = _where(seen, lit, colour)
+        colour = where(seen, lit, colour)
+    return averaged(surface, colour)
+
+
+def averaged(surface: VisibleSurface, colour: Any) -> Any:
+    """The picture of colours of all samples, as `render_split_sum` returns it."""
+    import mitsuba as mi
+
     width, height = surface.size
-    if not vectorised:
+    if not is_drjit(surface.normal):
         pixels = colour.reshape(height, width, surface.spp, 3).mean(axis=2)
         return mi.TensorXf(np.ascontiguousarray(pixels, np.float32))
     return _picture(colour, (height, width), surface.spp)
 
 
-def _where(mask: Any, first: Any, second: Any) -> Any:
+def where(mask: Any, first: Any, second: Any) -> Any:
     if not is_drjit(mask):
         return np.where(mask[:, None], first, second)
     dr = drjit_module()

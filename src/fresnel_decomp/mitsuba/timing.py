@@ -17,7 +17,7 @@ from .._check import choose, input_error
 from .comparison import variant_scope
 from .scenes import load_scene
 
-__all__ = ["Timing", "kernel_times", "ratio_and_spread"]
+__all__ = ["Timing", "interleaved_times", "kernel_times", "ratio_and_spread"]
 
 _WARM_UP = 2  # rounds that compile and fill caches
 
@@ -136,6 +136,45 @@ def kernel_times(
         )
         for name, values in times.items()
     }
+
+
+def interleaved_times(
+    runs: Mapping[str, Mapping[str, Callable[[], Any]]],
+    rounds: int,
+    advance: Callable[[], object] = lambda: None,
+) -> dict[str, dict[str, list[float]]]:
+    """Kernel milliseconds of functions that take turns, after two rounds that compile.
+
+    Parameters
+    ----------
+    runs : mapping from kinds to names to functions that evaluate something
+    rounds : int
+        That count.
+    advance : callable
+        Called after each round.
+
+    Returns
+    -------
+    The times of all rounds, by kind and name. The order alternates, so that a slow moment of the
+    machine falls on all of a kind.
+    """
+    import drjit as dr
+
+    times: dict[str, dict[str, list[float]]] = {
+        kind: {name: [] for name in by_name} for kind, by_name in runs.items()
+    }
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        for number in range(-_WARM_UP, rounds):
+            for kind, by_name in runs.items():
+                for name in list(by_name)[:: -1 if number % 2 else 1]:
+                    dr.kernel_history_clear()
+                    by_name[name]()
+                    dr.sync_thread()
+                    history = dr.kernel_history([dr.KernelType.JIT])
+                    if number >= 0:
+                        times[kind][name].append(sum(entry["execution_time"] for entry in history))
+            advance()
+    return times
 
 
 def ratio_and_spread(times: Sequence[float], reference: Sequence[float]) -> tuple[float, float]:

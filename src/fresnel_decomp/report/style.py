@@ -24,6 +24,8 @@ __all__ = [
     "MODEL_LABELS",
     "MODEL_LINES",
     "RC",
+    "RECIPE_COLOURS",
+    "RECIPE_MARKERS",
     "SEQUENTIAL",
     "figure",
     "nice_limit",
@@ -59,6 +61,16 @@ MODEL_LABELS = {
     "lazanyi": "Lazanyi",
     "gulbrandsen": "Gulbrandsen",
 }
+
+RECIPE_COLOURS = {
+    "notebook": "#1a1a1a",
+    "talk": "#8a8a8a",
+    "balanced": "#0072b2",
+    "robust": "#009e73",
+    "minimax": "#d55e00",
+    "albedo": "#cc79a7",
+}
+RECIPE_MARKERS = dict(zip(RECIPE_COLOURS, "osD^vP", strict=True))
 
 CHANNEL_COLOURS = {"R": "#c8322b", "G": "#2c8a3d", "B": "#2f5fc4"}
 

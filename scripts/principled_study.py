@@ -1,0 +1,649 @@
+"""The principled BSDF: its Fresnel terms against exact curves, its energy, its cost, its looks.
+
+    python scripts/principled_study.py --page docs/principled.md   # what is missing, then draw
+    python scripts/principled_study.py --quick                     # tiny, to see that it runs
+
+Interrupt it when you like: finished images are kept, and the same command goes on from them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+import _figure
+from _figure import (
+    DATA,
+    PICTURES,
+    QUICK_DATA,
+    Figure,
+    Job,
+    main,
+    read_sidecar,
+    say_if_reduced,
+    shown,
+)
+from _markdown import insert, markdown, page_with
+from _page import GREY, Page
+from fresnel_decomp import (
+    F82,
+    RECIPES,
+    AlbedoTable,
+    Gulbrandsen,
+    delta_e_2000,
+    directional_albedo,
+    load_basis,
+    load_material,
+)
+from fresnel_decomp._schlick import schlick
+from fresnel_decomp.converters import LARGEST_R
+from fresnel_decomp.fresnel import dielectric
+from fresnel_decomp.images import compare, read_exr, write_exr
+from fresnel_decomp.metallic import default_edge_color, metal_coefficients
+from fresnel_decomp.parametrization import F82_COSINE
+from fresnel_decomp.report import style
+
+NAME = "principled_study"
+MARKS = {
+    name: (f"<!-- {name} -->\n", f"<!-- end of {name} -->\n")
+    for name in ("curves", "mixing", "furnace", "cost", "pictures")
+}
+COSINES = np.sin(np.radians(np.linspace(0.0, 90.0, 181)))
+COPPER = (0.955, 0.638, 0.538)
+METALLIC = (0.0, 0.25, 0.5, 0.75, 1.0)
+ROUGHNESS = (0.1, 0.3, 0.5, 0.7, 1.0)
+CARD = 0.3
+"""Roughness of the pictures of edges and of the comparison."""
+
+Array = np.ndarray
+Results = Mapping[str, Any]
+
+
+def rgb(colour: Any) -> dict[str, Any]:
+    return {"type": "rgb", "value": [float(channel) for channel in colour]}
+
+
+# --- curves --------------------------------------------------------------------------------------
+
+
+def exact_metal(name: str) -> tuple[Array, Array, Array, Array]:
+    """A measured metal in D65: curve (angles, 3); base, edge, (nodes, 3) colours in [0, 1]."""
+    material, nodes = load_material(name), np.cos(load_basis().nodes)
+    curve = material.rgb_reflectance(COSINES)
+    colours = material.rgb_reflectance(np.array([1.0, F82_COSINE, *nodes])).clip(0.0, 1.0)
+    return curve, colours[0], colours[1], colours[2:]
+
+
+def metal_curves(base: Array, edge: Array, nodes: Array) -> dict[str, Array]:
+    """What the plugin makes of a metal, by its Fresnel term and what it is told of the edge."""
+    basis, cosines = load_basis(), COSINES[:, None]
+    usual = default_edge_color(base)
+    at_nodes = basis.coefficients_from_reflectance(base, nodes.T)
+    return {
+        "decomposition": basis.evaluate(metal_coefficients(base, usual, basis), cosines),
+        "decomposition, edge colour": basis.evaluate(
+            metal_coefficients(base, edge, basis), cosines
+        ),
+        "decomposition, node colours": basis.evaluate(at_nodes, cosines),
+        "exact, g = 0.5": Gulbrandsen(np.minimum(base, LARGEST_R), 0.5)(cosines),
+        "schlick": schlick(base, cosines),
+        "f82": F82(base, usual)(cosines),
+        "f82, edge colour": F82(base, edge)(cosines),
+    }
+
+
+def dielectric_curves(eta: float) -> dict[str, Array]:
+    basis, f0 = load_basis(), float(dielectric(1.0, eta))
+    found = {
+        "decomposition": basis.evaluate(basis.coefficients(eta, 0.0), COSINES),
+        "exact, g = 0.5": dielectric(COSINES, eta),
+        "schlick": schlick(f0, COSINES),
+        "f82": F82(f0, float(dielectric(F82_COSINE, eta)))(COSINES),
+    }
+    found = {name: np.repeat(curve[:, None], 3, axis=1) for name, curve in found.items()}
+    found["decomposition, edge colour"] = found["decomposition, node colours"] = found[
+        "decomposition"
+    ]
+    found["f82, edge colour"] = found["f82"]
+    return found
+
+
+def curve_errors() -> dict[str, dict[str, dict[str, float]]]:
+    """RMSE, largest error and mean ΔE00, by material and Fresnel term."""
+    truth: dict[str, tuple[Array, dict[str, Array]]] = {}
+    for label, name in {"copper": "Cu", "gold": "Au", "aluminium": "Al"}.items():
+        curve, *colours = exact_metal(name)
+        truth[label] = curve, metal_curves(*colours)
+    for label, eta in {"plastic, η = 1.5": 1.5, "lacquer, η = 1.8": 1.8}.items():
+        exact = np.repeat(dielectric(COSINES, eta)[:, None], 3, axis=1)
+        truth[label] = exact, dielectric_curves(eta)
+    copper, plastic = truth["copper"], truth["plastic, η = 1.5"]
+    truth["copper and plastic, halves"] = (
+        0.5 * (copper[0] + plastic[0]),
+        {name: 0.5 * (copper[1][name] + plastic[1][name]) for name in copper[1]},
+    )
+    return {
+        label: {name: measured(curve, exact) for name, curve in curves.items()}
+        for label, (exact, curves) in truth.items()
+    }
+
+
+def measured(curve: Array, exact: Array) -> dict[str, float]:
+    error = np.abs(curve - exact)
+    return {
+        "rmse": float(np.sqrt((error**2).mean())),
+        "largest": float(error.max()),
+        "delta_e": float(delta_e_2000(curve, exact).mean()),
+    }
+
+
+def recipe_errors() -> dict[str, dict[str, float]]:
+    """Of plastic, by recipe: of the curve, and of its albedo at roughness 0.5, seen at 60°."""
+    exact, alpha = dielectric(COSINES, 1.5), 0.25
+    true = directional_albedo(lambda c: dielectric(c, 1.5)[..., None], 0.5, alpha)[..., 0]
+    found = {}
+    for recipe in RECIPES:
+        basis = load_basis(recipe)
+        c = basis.coefficients(1.5, 0.0)
+        lobe = directional_albedo(basis, 0.5, alpha) @ c
+        error = np.abs(basis.evaluate(c, COSINES) - exact)
+        found[recipe] = {
+            "largest": float(error.max()),
+            "rmse": float(np.sqrt((error**2).mean())),
+            "albedo": float(lobe / true - 1.0),
+        }
+    return found
+
+
+def mixing_errors() -> dict[str, dict[str, float]]:
+    """Largest difference of mixing F0 first, for a curve afterwards, from mixing the curves."""
+    basis, cosines, found = load_basis(), COSINES[:, None], {}
+    c_plastic = basis.coefficients(1.5, 0.0)
+    ways: dict[str, Callable[[Array], Array]] = {
+        "index, k = 0": lambda f0: Gulbrandsen(np.minimum(f0, LARGEST_R), 0.0)(cosines),
+        "usual edge": lambda f0: basis.evaluate(
+            metal_coefficients(f0, default_edge_color(f0), basis), cosines
+        ),
+        "Schlick": lambda f0: schlick(f0, cosines),
+    }
+    for label, name in {"copper": "Cu", "aluminium": "Al"}.items():
+        _, base, _, _ = exact_metal(name)
+        c_metal = metal_coefficients(base, default_edge_color(base), basis)
+        for way, curve in ways.items():
+            row = {}
+            for metallic in METALLIC:
+                mixed = basis.evaluate((1.0 - metallic) * c_plastic + metallic * c_metal, cosines)
+                if way == "Schlick":  # both ways by its own curve
+                    mixed = (1.0 - metallic) * schlick(0.04, cosines) + metallic * schlick(
+                        base, cosines
+                    )
+                first = curve(0.04 * (1.0 - metallic) + base * metallic)
+                row[f"{metallic:g}"] = float(np.abs(first - mixed).max())
+            found[f"{label}, {way}"] = row
+    return found
+
+
+# --- energy --------------------------------------------------------------------------------------
+
+
+def furnace() -> dict[str, dict[str, float]]:
+    """What a white plastic lacks or has too much, by roughness, without any sampling.
+
+    Lobe and base reflect E + (1 - E') where E is the lobe's albedo by quadrature and E' what the
+    table gives; the base's own integral is 1 because the average fits the table.
+    """
+    basis, mu = load_basis(), np.concatenate([np.geomspace(1e-3, 0.1, 40), np.linspace(0.1, 1, 46)])
+    c = basis.coefficients(1.5, 0.0)
+    closed = basis.closed_form
+    table = AlbedoTable.bake(closed)
+    six = load_basis("talk", 6)
+    table_six, c_six = AlbedoTable.bake(six.closed_form), six.coefficients(1.5, 0.0)
+    found = {}
+    for roughness in ROUGHNESS:
+        alpha = roughness**2
+        lobe = directional_albedo(closed, mu, alpha, quadrature=(48, 48))
+        missing = lobe @ c - table.lookup(mu, alpha) @ c
+        exact = directional_albedo(
+            lambda x: dielectric(x, 1.5)[..., None], mu, alpha, quadrature=(48, 48)
+        )[..., 0]
+        missing_exact = exact - table_six.lookup(mu, alpha) @ c_six
+        steep = mu < 0.1
+        found[f"{roughness:g}"] = {
+            "decomposition": float(np.abs(missing[~steep]).max()),
+            "decomposition, beyond 84°": float(np.abs(missing[steep]).max()),
+            "exact": float(np.abs(missing_exact[~steep]).max()),
+            "exact, beyond 84°": float(np.abs(missing_exact[steep]).max()),
+            "lost by a white metal at 0°": float(1.0 - lobe[-1, 0]),
+            "lost by a white metal at 60°": float(1.0 - lobe[np.argmin(np.abs(mu - 0.5)), 0]),
+            "kept from a plastic's lobe at 0°": float((1.0 - lobe[-1, 0]) * dielectric(1.0, 1.5)),
+        }
+    return found
+
+
+# --- cost ----------------------------------------------------------------------------------------
+
+PLUGINS: dict[str, dict[str, Any]] = {
+    "Mitsuba's principled": {"type": "principled"},
+    **{
+        f"decomposed_principled, {fresnel}": {"type": "decomposed_principled", "fresnel": fresnel}
+        for fresnel in ("decomposition", "exact", "schlick", "f82")
+    },
+}
+
+
+def costs(variant: str, quick: bool) -> dict[str, dict[str, list[float]]]:
+    """Ratio to Mitsuba's principled and its spread: of `eval`, `sample` and whole renders."""
+    from fresnel_decomp.mitsuba.comparison import variant_scope
+    from fresnel_decomp.mitsuba.timing import kernel_times, ratio_and_spread
+
+    look = {"base_color": rgb(COPPER), "metallic": 0.5, "roughness": 0.5}
+    bsdfs = {name: {**bsdf, **look} for name, bsdf in PLUGINS.items()}
+    size, spp, runs = (16, 1, 7) if quick else (160, 16, 15)
+    first = next(iter(bsdfs))
+    with variant_scope(variant):
+        import mitsuba as mi
+
+        mi.set_log_level(mi.LogLevel.Error)
+        renders = kernel_times(bsdfs, size=size, spp=spp, runs=runs, reference=first)
+        alone = alone_times(bsdfs, 2000 if quick else 1_000_000, runs)
+    found = {}
+    for name in bsdfs:
+        found[name] = {"render": [renders[name].ratio, renders[name].spread]}
+        for method, times in alone.items():
+            found[name][method] = list(ratio_and_spread(times[name], times[first]))
+    return found
+
+
+def alone_times(
+    bsdfs: Mapping[str, Any], points: int, runs: int
+) -> dict[str, dict[str, list[float]]]:
+    """Kernel milliseconds of `eval` and `sample` on random directions, taking turns."""
+    import drjit as dr
+    import mitsuba as mi
+
+    if str(mi.variant()).startswith("scalar"):
+        return {}
+    sampler = mi.PCG32(size=points)
+
+    def pair() -> Any:
+        return mi.Point2f(sampler.next_float32(), sampler.next_float32())
+
+    si = dr.zeros(mi.SurfaceInteraction3f, points)
+    si.wi, wo = (mi.warp.square_to_cosine_hemisphere(pair()) for _ in range(2))
+    lobe, place = sampler.next_float32(), pair()
+    dr.eval(si, wo, lobe, place)
+    ctx = mi.BSDFContext()
+    plugins = {name: mi.load_dict(bsdf) for name, bsdf in bsdfs.items()}
+    methods: dict[str, Callable[[Any], Any]] = {
+        "eval": lambda plugin: plugin.eval(ctx, si, wo, True),
+        "sample": lambda plugin: plugin.sample(ctx, si, lobe, place, True),
+    }
+    times: dict[str, dict[str, list[float]]] = {m: {n: [] for n in bsdfs} for m in methods}
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        for run in range(-2, runs):
+            for method, call in methods.items():
+                for name in list(plugins)[:: -1 if run % 2 else 1]:
+                    dr.kernel_history_clear()
+                    dr.eval(call(plugins[name]))
+                    dr.sync_thread()
+                    if run >= 0:
+                        kernels = dr.kernel_history([dr.KernelType.JIT])
+                        times[method][name].append(sum(k["execution_time"] for k in kernels))
+    return times
+
+
+# --- pictures ------------------------------------------------------------------------------------
+
+
+def ours(**parameters: Any) -> dict[str, Any]:
+    return {"type": "decomposed_principled", "recipe": "talk", "terms": 4, **parameters}
+
+
+def theirs(**parameters: Any) -> dict[str, Any]:
+    return {"type": "principled", **parameters}
+
+
+def edge_bsdfs(name: str) -> dict[str, dict[str, Any]]:
+    """A metal exactly, and by what the metallic workflow knows of it."""
+    _, base, edge, nodes = exact_metal(name)
+    spectral = {"type": "decomposed_conductor", "recipe": "talk", "terms": 6}
+    spectral |= {"material": name, "illuminant": "D65", "distribution": "ggx"}
+    shared = {"metallic": 1.0, "roughness": CARD, "base_color": rgb(base)}
+    known = {f"edge_color_{i + 1}": rgb(node) for i, node in enumerate(nodes)}
+    return {
+        "exact": {**spectral, "alpha": CARD**2},
+        "schlick": ours(**shared, fresnel="schlick"),
+        "usual": ours(**shared),
+        "edge": ours(**shared, edge_color=rgb(edge)),
+        "nodes": ours(**shared, **known),
+    }
+
+
+def compared_bsdfs(metallic: float) -> dict[str, dict[str, Any]]:
+    shared = {"base_color": rgb(COPPER), "metallic": metallic, "roughness": CARD}
+    return {"theirs": theirs(**shared, eta=1.5), "ours": ours(**shared, eta=1.5)}
+
+
+def textured(folder: Path) -> dict[str, Any]:
+    """Worn paint on copper: base colour, metallic and roughness from images."""
+    size = 256
+    y, x = np.mgrid[:size, :size] / size
+    rng = np.random.default_rng(3)
+    waves = sum(
+        np.cos(2.0 * np.pi * (i * x + j * y) + rng.uniform(0.0, 6.3)) / (i + j)
+        for i in range(1, 9)
+        for j in range(1, 9)
+    )
+    worn = np.clip(0.5 + 1.6 * (waves / np.abs(waves).max() - 0.05), 0.0, 1.0)[..., None]
+    paint = np.where(np.floor(8.0 * y)[..., None] % 2 == 0, (0.05, 0.16, 0.32), (0.62, 0.6, 0.55))
+    images = {
+        "base_color": (1.0 - worn) * paint + worn * np.array(COPPER),
+        "metallic": np.repeat(worn, 3, axis=2),
+        "roughness": 0.5 - 0.25 * np.repeat(worn, 3, axis=2),
+    }
+    textures = {}
+    for name, image in images.items():
+        path = folder / f"texture_{name}.exr"
+        if not path.is_file():
+            write_exr(path, image.astype(np.float32))
+        textures[name] = {"type": "bitmap", "filename": str(path), "raw": True}
+    return ours(**textures)
+
+
+def render(job: Job) -> dict[str, Any]:
+    """All pictures; the numbers of those that are compared."""
+    from fresnel_decomp.mitsuba.comparison import render_bsdfs
+
+    options = {name: job.settings[name] for name in ("scene", "spp", "seed", "variant")}
+    size = job.settings["size"]
+    small = max(16, size // 2)
+    for metallic in METALLIC:
+        bsdfs = {
+            f"{roughness:g}": ours(base_color=rgb(COPPER), metallic=metallic, roughness=roughness)
+            for roughness in ROUGHNESS
+        }
+        render_bsdfs(bsdfs, size=small, folder=job.folder, stem=f"grid_{metallic:g}", **options)
+        job.report(f"metallic {metallic:g}", 0.5 * (1.0 + metallic) - 0.3)
+    render_bsdfs({"textured": textured(job.folder)}, size=size, folder=job.folder,
+                 stem="images", **options)  # fmt: skip
+    numbers: dict[str, Any] = {}
+    for metal in ("Au", "Cu"):
+        images = render_bsdfs(
+            edge_bsdfs(metal), size=size, folder=job.folder, stem=f"edge_{metal}", **options
+        )
+        numbers[metal] = {
+            name: compare(images["exact"], image).summary()
+            for name, image in images.items()
+            if name != "exact"
+        }
+        job.report(f"edges of {metal}", 0.8)
+    for metallic in (0.0, 0.5, 1.0):
+        images = render_bsdfs(compared_bsdfs(metallic), size=size, folder=job.folder,
+                              stem=f"mitsuba_{metallic:g}", **options)  # fmt: skip
+        numbers[f"{metallic:g}"] = compare(images["theirs"], images["ours"]).summary()
+    return numbers
+
+
+def compute(job: Job) -> dict[str, Any]:
+    numbers = {
+        "curves": curve_errors(),
+        "recipes": recipe_errors(),
+        "mixing": mixing_errors(),
+        "furnace": furnace(),
+    }
+    job.report("renders", 0.2)
+    numbers["renders"] = render(job)
+    job.report("times", 0.9)
+    numbers["cost"] = costs(job.settings["variant"], "quick" in job.settings)
+    return numbers
+
+
+# --- tables --------------------------------------------------------------------------------------
+
+
+def tables(results: Results) -> dict[str, str]:
+    terms = list(next(iter(results["curves"].values())))
+    curves = markdown(
+        ["RMSE · largest · ΔE00", *terms],
+        [
+            [
+                label,
+                *(
+                    f"{row[t]['rmse']:.4f} · {row[t]['largest']:.3f} · {row[t]['delta_e']:.2f}"
+                    for t in terms
+                ),
+            ]
+            for label, row in results["curves"].items()
+        ],
+    )
+    recipes = markdown(
+        ["plastic, η = 1.5", "RMSE", "largest error", "albedo at 60°, roughness 0.5"],
+        [
+            [name, f"{row['rmse']:.5f}", f"{row['largest']:.4f}", f"{100 * row['albedo']:+.2f} %"]
+            for name, row in results["recipes"].items()
+        ],
+    )
+    mixing = markdown(
+        ["plastic and, at metallic", *next(iter(results["mixing"].values()))],
+        [
+            [name, *(f"{value:.3f}" for value in row.values())]
+            for name, row in results["mixing"].items()
+        ],
+    )
+    columns = list(next(iter(results["furnace"].values())))
+    energy = markdown(
+        ["roughness", *columns],
+        [
+            [roughness, *(f"{row[c]:.4f}" for c in columns)]
+            for roughness, row in results["furnace"].items()
+        ],
+    )
+    methods = list(next(iter(results["cost"].values())))
+    cost = markdown(
+        ["time, Mitsuba's principled = 1", *methods],
+        [
+            [name, *(f"{row[m][0]:.2f} ± {row[m][1]:.2f}" for m in methods)]
+            for name, row in results["cost"].items()
+        ],
+    )
+    names = {"schlick": "Schlick", "usual": "usual edge", "edge": "edge colour",
+             "nodes": "node colours"}  # fmt: skip
+    pictures = markdown(
+        ["mean ΔE00 of the picture", *names.values()],
+        [
+            [metal, *(f"{results['renders'][metal][n]['delta_e']:.2f}" for n in names)]
+            for metal in ("Au", "Cu")
+        ],
+    )
+    beside = ", ".join(
+        f"{results['renders'][m]['delta_e']:.2f} at metallic {m}" for m in ("0", "0.5", "1")
+    )
+    return {
+        "curves": f"{curves}\n\n{recipes}",
+        "mixing": mixing,
+        "furnace": energy,
+        "cost": cost,
+        "pictures": f"{pictures}\n\nBetween ours and Mitsuba's principled: {beside}.",
+    }
+
+
+# --- drawing -------------------------------------------------------------------------------------
+
+
+def draw(folder: Path, pictures: Path) -> None:
+    results = read_sidecar(NAME, folder)["results"]
+    draw_grid(folder, pictures / FIGURE.pictures[0])
+    draw_edges(results, folder, pictures / FIGURE.pictures[1])
+    draw_comparison(results, folder, pictures / FIGURE.pictures[2])
+
+
+def draw_grid(folder: Path, path: Path) -> None:
+    """Metallic over roughness, and beside it one with textures."""
+    side, gap, left, top, ball = 1.0, 0.04, 0.62, 0.42, 3.3
+    height = top + len(METALLIC) * (side + gap)
+    with style.styled():
+        page = Page(left + len(ROUGHNESS) * (side + gap) + 0.25 + ball + 0.08, height + 0.06)
+        for column, roughness in enumerate(ROUGHNESS):
+            x = left + column * (side + gap) + side / 2
+            page.write(x, top - 0.11, f"{roughness:g}", size=8.5)
+        page.write(left + 2.5 * (side + gap), 0.12, "roughness", size=9.5)
+        page.write(0.1, top + 2.5 * (side + gap), "metallic", size=9.5, rotation=90)
+        for row, metallic in enumerate(METALLIC):
+            y = top + row * (side + gap)
+            page.write(left - 0.2, y + side / 2, f"{metallic:g}", size=8.5)
+            for column, roughness in enumerate(ROUGHNESS):
+                image = read_exr(folder / f"grid_{metallic:g}_{roughness:g}.exr")
+                page.picture(left + column * (side + gap), y, side, image)
+        x = left + len(ROUGHNESS) * (side + gap) + 0.25
+        y = 0.5 * (height - ball) + 0.3
+        page.write(x + ball / 2, y - 0.32, "base colour, metallic and roughness", size=9)
+        page.write(x + ball / 2, y - 0.14, "from images: worn paint on copper", size=9)
+        page.picture(x, y, ball, read_exr(folder / "images_textured.exr"))
+        page.save(path, dpi=120)
+
+
+TITLES = {
+    "exact": "measured spectrum",
+    "schlick": "base colour,\nSchlick",
+    "usual": "base colour,\nusual edge",
+    "edge": "and edge colour\nat 82°",
+    "nodes": "and colours\nat the nodes",
+}
+
+
+def draw_edges(results: Results, folder: Path, path: Path) -> None:
+    """Gold and copper by what is known of their edges; below each its curves' errors."""
+    side, gap, left, top, below = 1.7, 0.06, 0.36, 0.5, 0.24
+    colours = {"schlick": style.MODEL_COLOURS["schlick"], "usual": style.MODEL_COLOURS["f82"],
+               "edge": style.MODEL_COLOURS["decomposition"],
+               "nodes": style.MODEL_COLOURS["lazanyi"]}  # fmt: skip
+    curve_names = {"schlick": "schlick", "usual": "decomposition",
+                   "edge": "decomposition, edge colour",
+                   "nodes": "decomposition, node colours"}  # fmt: skip
+    block, plot = side + below, 1.5
+    width = left + len(TITLES) * (side + gap) + 0.06
+    with style.styled():
+        page = Page(width, top + 2 * block + 0.35 + plot + 0.55)
+        for row, (metal, label) in enumerate((("Au", "gold"), ("Cu", "copper"))):
+            y = top + row * block
+            page.write(left - 0.16, y + side / 2, label, rotation=90, size=10)
+            for column, (name, title) in enumerate(TITLES.items()):
+                x = left + column * (side + gap)
+                page.picture(x, y, side, read_exr(folder / f"edge_{metal}_{name}.exr"))
+                if row == 0:
+                    page.write(x + side / 2, top - 0.06, title, size=8.5, va="bottom")
+                if name != "exact":
+                    value = results["renders"][metal][name]["delta_e"]
+                    page.write(x + side / 2, y + side + below / 2, f"ΔE$_{{00}}$ {value:.2f}",
+                               size=8)  # fmt: skip
+        y = top + 2 * block + 0.35
+        half = (width - left - 0.3) / 2
+        for column, (metal, label) in enumerate((("Au", "gold"), ("Cu", "copper"))):
+            axes = page.axes(left + 0.32 + column * (half + 0.1), y, half - 0.42, plot)
+            exact, *given = exact_metal(metal)
+            curves = metal_curves(*given)
+            angles = np.degrees(np.arccos(COSINES.clip(0.0, 1.0)))
+            for name, curve_name in curve_names.items():
+                error = np.abs(curves[curve_name] - exact).max(axis=1)
+                axes.plot(angles, error.clip(1e-6), color=colours[name], lw=1.3,
+                          label=TITLES[name].replace("\n", " "))  # fmt: skip
+            axes.set_yscale("log")
+            axes.set_ylim(1e-4, 0.3)
+            axes.set_xlim(0, 90)
+            axes.set_xticks(range(0, 91, 15))
+            axes.set_xlabel("angle of incidence (degrees)")
+            axes.set_title(f"{label}: largest error of a channel", size=9)
+            if column == 0:
+                axes.set_ylabel("error of reflectance")
+            else:  # where its curves leave room
+                axes.legend(fontsize=7.5, loc="upper left")
+        page.save(path, dpi=115)
+
+
+def draw_comparison(results: Results, folder: Path, path: Path) -> None:
+    """Mitsuba's principled and ours, and where they differ."""
+    side, gap, left, top = 2.0, 0.06, 0.62, 0.3
+    limit = 0.0
+    maps, images = {}, {}
+    for metallic in ("0", "0.5", "1"):
+        pair = [read_exr(folder / f"mitsuba_{metallic}_{name}.exr") for name in ("theirs", "ours")]
+        images[metallic], maps[metallic] = pair, compare(*pair).flip_map
+        limit = max(limit, float(np.percentile(maps[metallic], 99.5)))
+    limit = style.nice_limit(limit)
+    with style.styled():
+        page = Page(left + 3 * (side + gap) + 0.06, top + 3 * (side + gap) + 0.5)
+        titles = ("Mitsuba's principled", "decomposed_principled", "difference, FLIP")
+        mappable = None
+        for row, metallic in enumerate(images):
+            y = top + row * (side + gap)
+            page.write(0.14, y + side / 2, f"metallic {metallic}", rotation=90, size=9.5)
+            value = results["renders"][metallic]["delta_e"]
+            page.write(0.38, y + side / 2, f"ΔE$_{{00}}$ {value:.2f}", rotation=90, size=8.5,
+                       color=GREY)  # fmt: skip
+            for column, title in enumerate(titles):
+                x = left + column * (side + gap)
+                if row == 0:
+                    page.write(x + side / 2, top - 0.12, title, size=9)
+                if column < 2:
+                    page.picture(x, y, side, images[metallic][column])
+                else:
+                    mappable = page.flip_map(x, y, side, maps[metallic], limit)
+        page.flip_bar(left + 2 * (side + gap) + 0.1, top + 3 * (side + gap) + 0.06, side - 0.2,
+                      mappable)  # fmt: skip
+        page.save(path, dpi=120)
+
+
+FIGURE = Figure(
+    name=NAME,
+    title="Principled BSDF: Fresnel terms, energy, cost, metallic over roughness",
+    minutes=6.0,
+    compute=compute,
+    draw=draw,
+    pictures=("principled_grid.png", "principled_edges.png", "principled_mitsuba.png"),
+    parameters={
+        "base_color": COPPER,
+        "metallic": METALLIC,
+        "roughness": ROUGHNESS,
+        "card": CARD,
+    },
+    scene="studio",
+    size=192,
+    spp=64,
+)
+
+
+@click.command(help=f"{FIGURE.title}.", context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--quick", is_flag=True, help="Tiny images, to see that everything runs.")
+@click.option("--force", is_flag=True, help="Compute again what is finished.")
+@click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
+@click.option("--page", type=page_with(*MARKS.values()), help="Replace the tables of a page.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Folder for data and pictures.  [default: out/figures and docs/figures; "
+    "with --quick out/figures-quick]",
+)
+def study(
+    quick: bool, force: bool, variant: str | None, page: Path | None, out: Path | None
+) -> None:
+    """Compute what is missing, draw, and print the tables."""
+    data = out or (QUICK_DATA if quick else DATA)
+    say_if_reduced(variant)
+    folder = data / NAME
+    seconds = _figure.compute(FIGURE, folder, quick=quick, force=force, variant=variant)
+    state = "was finished" if seconds is None else f"took {seconds:.0f} s"
+    click.echo(f"{NAME} {state}: {shown(folder)}")
+    for path in _figure.draw(FIGURE, folder, data if out or quick else PICTURES):
+        click.echo(f"Wrote {shown(path)}")
+    for name, text in tables(read_sidecar(NAME, folder)["results"]).items():
+        click.echo(f"\n{text}")
+        if page is not None:
+            insert(page, text, MARKS[name])
+
+
+if __name__ == "__main__":
+    main(study)

@@ -1,0 +1,136 @@
+"""Speed against error: the figures and tables of README and documentation, in one command.
+
+    python scripts/speed_vs_error.py --page docs/speed_vs_error.md --readme README.md
+
+measures every model as `fresnel-decomp bench` does, goes on where an earlier run stopped, draws the
+figures into docs/figures and puts tables and verdicts into the two pages, between their marks. What
+was measured is also written to docs/figures/speed_vs_error.csv, of which everything on the pages is
+made: with --from that file, pages and figures are made again without measuring.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from _markdown import insert
+from fresnel_decomp import doctor
+from fresnel_decomp._check import input_error
+from fresnel_decomp._command import run_and_exit
+from fresnel_decomp._files import write_text
+from fresnel_decomp.cli import run_bench
+
+ROOT = Path(__file__).resolve().parents[1]
+FIGURES = ROOT / "docs" / "figures"
+STEM = "speed_vs_error"
+
+
+def marks(name: str) -> tuple[str, str]:
+    """Those between which a part of a page stands."""
+    return f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
+
+
+PAGE_PARTS = ("verdicts", "recipe table", "budgets", "costs", "errors", "tables")
+README_PARTS = ("speed against error",)
+
+
+def page_texts(about: dict[str, Any], rows: list[dict[str, Any]]) -> dict[str, str]:
+    """What stands between the marks of the page of the documentation."""
+    from fresnel_decomp.report import bench_tables as tables
+
+    budgets = "\n\n".join(tables.budget_table(rows, cost) for cost in tables.LIMITS)
+    return {
+        "verdicts": f"{tables.about_line(about)}\n\n{tables.verdicts(rows)}",
+        "recipe table": tables.recipe_table(rows),
+        "budgets": budgets,
+        "costs": tables.cost_table(rows),
+        "errors": tables.error_table(rows),
+        "tables": tables.size_table(rows),
+    }
+
+
+def readme_texts(about: dict[str, Any], rows: list[dict[str, Any]]) -> dict[str, str]:
+    """What stands between the marks of README: the figure, where it was measured, the table."""
+    from fresnel_decomp.report import bench_tables as tables
+
+    figure = f"![Cost against error of Fresnel models](docs/figures/{STEM}.png)"
+    parts = [figure, tables.about_line(about), tables.recipe_table(rows)]
+    return {"speed against error": "\n\n".join(parts)}
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
+@click.option("--rounds", type=int, default=11, show_default=True)
+@click.option("--models", multiple=True, default=("*",), help="As for `fresnel-decomp bench`.")
+@click.option("--quick", is_flag=True, help="Tiny kernels; not for the pages.")
+@click.option("--force", is_flag=True, help="Measure again what is finished.")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out") / "bench")
+@click.option("--page", type=click.Path(path_type=Path, exists=True), help="Put tables there.")
+@click.option("--readme", type=click.Path(path_type=Path, exists=True), help="And there.")
+@click.option("--figures", type=click.Path(path_type=Path), default=FIGURES)
+@click.option(
+    "--from",
+    "source",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="Numbers of an earlier run, a CSV file with its JSON beside it; nothing is measured.",
+)
+def main(
+    variant: str | None,
+    rounds: int,
+    models: tuple[str, ...],
+    quick: bool,
+    force: bool,
+    out: Path,
+    page: Path | None,
+    readme: Path | None,
+    figures: Path,
+    source: Path | None,
+) -> None:
+    """Measure, draw, and write README and documentation."""
+    targets = [(page, PAGE_PARTS, page_texts), (readme, README_PARTS, readme_texts)]
+    for path, parts, _ in targets:  # before a long run
+        if path is not None:
+            _check_marks(path, parts)
+    doctor.prepare()
+    from fresnel_decomp.report import bench_figures
+    from fresnel_decomp.report import bench_tables as tables
+
+    if source is None:
+        from fresnel_decomp.report.bench import Settings
+
+        changes = {"variant": variant or doctor.best_variant(), "models": models}
+        make = Settings.quick if quick else Settings
+        run_bench(make(**changes, rounds=rounds), out, force)
+        source = out / f"{STEM}.csv"
+    if page is None and readme is None:
+        return
+    # of the numbers in the file, so that pages can be checked against it
+    rows = tables.read_csv(source)
+    about = json.loads(source.with_suffix(".json").read_text(encoding="utf-8"))
+    about = about.get("about", about)
+    if source.parent.resolve() != figures.resolve():
+        write_text(figures / f"{STEM}.csv", source.read_text(encoding="utf-8"))
+        write_text(figures / f"{STEM}.json", json.dumps(about, indent=2) + "\n")
+    bench_figures.write_figures(rows, figures, tables.about_line(about))
+    for path, _, texts in targets:
+        if path is not None:
+            for name, text in texts(about, rows).items():
+                insert(path, text, marks(name))
+            click.echo(f"Wrote {path}")
+
+
+def _check_marks(path: Path, parts: tuple[str, ...]) -> None:
+    text = path.read_text(encoding="utf-8")
+    for name in parts:
+        for mark in marks(name):
+            if text.count(mark) != 1:
+                raise input_error(
+                    f"'{path}' without the line '{mark.strip()}'", "it, once", "Add it."
+                )
+
+
+if __name__ == "__main__":
+    run_and_exit(main, None, "speed_vs_error.py")
