@@ -65,17 +65,27 @@ def surface(seed: int) -> Any:
     return [np.array(found.normal), np.array(found.view)]
 
 
+def workload_picture(seed: int) -> Any:
+    from fresnel_decomp.mitsuba.workloads import picture
+
+    return picture(bsdf(), 12, 4, seed)()
+
+
 SEEDED: dict[str, Callable[[int], Any]] = {
     "albedo_estimates.monte_carlo_albedo": monte_carlo,
     "albedo_estimates.quasi_monte_carlo_albedo": quasi_monte_carlo,
     "mitsuba.comparison.render_bsdfs": bsdfs,
     "mitsuba.comparison.render_scene": scene,
     "mitsuba.split_sum.visible_surface": surface,
+    "mitsuba.workloads.picture": workload_picture,
 }
 """A call for every public function with a seed, and what comes of it."""
 
 ELSEWHERE = {
     "mitsuba.timing.kernel_times": "what it returns are times; it renders with render_bsdfs' seeds",
+    "mitsuba.workloads.directions": "only for variants with arrays; test_timing tries it",
+    "mitsuba.workloads.random_cosines": "only for variants with arrays; test_timing tries it",
+    "report.bench.Settings": "hands its seed to the workloads",
     "report.comparison.Settings": "hands its seed to render_bsdfs; test_cli runs it",
 }
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from fresnel_decomp._check import InputError
 from fresnel_decomp.mitsuba.comparison import model_bsdfs
 from fresnel_decomp.mitsuba.timing import kernel_times, ratio_and_spread
+from fresnel_decomp.mitsuba.workloads import directions, random_cosines
 
 MODELS = ("exact", "schlick", "f82")
 
@@ -44,3 +46,15 @@ def test_bad_input(variant: str) -> None:
         kernel_times(bsdfs, runs=3)
     with pytest.raises(InputError, match="'exact'"):
         kernel_times(bsdfs, reference="exakt")
+
+
+def test_workloads_come_from_their_seed(variant: str) -> None:
+    if variant.startswith("scalar"):
+        pytest.skip("workloads are arrays")
+
+    def made(seed: int) -> np.ndarray:
+        si, wo = directions(64, seed)
+        return np.concatenate([np.array(random_cosines(64, seed)), np.ravel(si.wi), np.ravel(wo)])
+
+    assert (made(0) == made(0)).all()
+    assert (made(0) != made(1)).mean() > 0.9
