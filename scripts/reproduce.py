@@ -22,6 +22,7 @@ import fig01c_roughness
 import fig02_edge_tint
 import fig03_shader_balls
 import fig04_linear_tint
+import inverse_study
 import principled_study
 import split_sum_study
 import table_study
@@ -49,6 +50,7 @@ FIGURES = {
         fig02_edge_tint,
         fig03_shader_balls,
         fig04_linear_tint,
+        inverse_study,
         split_sum_study,
         table_study,
         principled_study,

@@ -76,7 +76,7 @@ class Lobe:
         Parameters
         ----------
         mu : (...) float in [0, 1]
-        alpha : (...) float in [LEAST_ALPHA, 1]
+        alpha : (...) float in [1e-4, 1]
         residual : four (...) float
             n0 ... n3.
         """

@@ -83,7 +83,7 @@ def lobe_samples(
     Parameters
     ----------
     mu : float in [0, 1]
-    alpha : float in [LEAST_ALPHA, 1]
+    alpha : float in [1e-4, 1]
     smith : {"separable", "correlated"}
     count : int
         Directions of either set.

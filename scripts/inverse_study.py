@@ -1,0 +1,495 @@
+"""Inverse rendering: error against time and samples, for every route from good and bad starts.
+
+    python scripts/inverse_study.py compute
+    python scripts/inverse_study.py draw
+    python scripts/inverse_study.py page docs/inverse.md
+
+Five images of a gold sphere, with the exact Fresnel term of Mitsuba's `roughconductor` and random
+numbers of their own, are what everything is recovered from. Interrupt it when you like: finished
+runs are kept, and the same command goes on from them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from _figure import DATA, Figure, Job, commands, main, read_sidecar, shown
+from _markdown import insert, markdown
+from _page import GREY, Page
+from fresnel_decomp import conductor, load_material
+from fresnel_decomp._files import write_json
+from fresnel_decomp.images import read_exr, write_exr
+from fresnel_decomp.report import style
+
+NAME = "inverse_study"
+MARKS = ("<!-- inverse study -->\n", "<!-- end of inverse study -->\n")
+METAL_MARKS = ("<!-- inverse metals -->\n", "<!-- end of inverse metals -->\n")
+TEXTURE_MARKS = ("<!-- inverse texture -->\n", "<!-- end of inverse texture -->\n")
+
+WAVELENGTHS = (630.0, 532.0, 465.0)  # one index of refraction for each channel
+ALPHA = 0.1
+VIEWS, SPP = 5, 64
+METALS = ("Au", "Cu", "Al", "Be", "W")
+COSINES = np.sin(np.radians(np.linspace(90.0, 0.0, 181)))
+TEXELS = (16, 32)
+Values = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One call of `recover`."""
+
+    label: str
+    start: str
+    parameters: str
+    route: str
+    alpha: float = ALPHA
+    roughness: str = "known"
+    options: Mapping[str, Any] = field(default_factory=dict)
+    values: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def stem(self) -> str:
+        return f"{self.label}-{self.start}".replace(" ", "_").replace(",", "").replace("/", "-")
+
+
+GOOD, BAD = {"eta": 0.6, "k": 2.5}, {"eta": 4.0, "k": 0.3}
+_STEPS = {"iterations": 80, "spp": 16, "step": 2.0}
+CASES = (
+    Case("linear, node colours", "any", "nodes", "linear"),
+    Case("linear, (eta, k)", "any", "indices", "linear"),
+    Case("hybrid, (eta, k) and α", "good", "indices", "hybrid", 0.15, "unknown"),
+    Case("hybrid, (eta, k) and α", "bad", "indices", "hybrid", 0.6, "unknown"),
+    *(
+        Case("gradient, node colours", name, "nodes", "gradient", options=_STEPS,
+             values=dict.fromkeys(("f0", "f1", "f2"), value))
+        for name, value in (("good", 0.7), ("bad", 0.05))
+    ),
+    *(
+        Case(label, name, "indices", "gradient", options=_STEPS | {"fresnel": fresnel},
+             values=values)
+        for label, fresnel in (("gradient, (eta, k), fitted", "decomposition"),
+                               ("gradient, (eta, k), exact", "exact"))
+        for name, values in (("good", GOOD), ("bad", BAD))
+    ),
+    Case("gradient, node colours and α", "bad", "nodes", "gradient", 0.6, "unknown", _STEPS,
+         dict.fromkeys(("f0", "f1", "f2"), 0.05)),
+)  # fmt: skip
+
+
+# --- scenes --------------------------------------------------------------------------------------
+
+
+def light() -> Any:
+    from fresnel_decomp.mitsuba.environment import Environment
+    from fresnel_decomp.mitsuba.scenes import studio_lights
+
+    return Environment(np.asarray(studio_lights(256)))
+
+
+def sphere(view: int, size: int) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    """The sphere, with the studio turned around it."""
+    from fresnel_decomp.mitsuba.scenes import lit_object
+
+    turned = light().turned(51 * view)
+    return lambda bsdf: lit_object(bsdf, turned.emitter(), size)
+
+
+def turned_sphere(view: int, size: int) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    """The sphere itself turned, so that all its texels are seen."""
+    import mitsuba as mi
+
+    make = sphere(view, size)
+
+    def setup(bsdf: dict[str, Any]) -> dict[str, Any]:
+        scene = make(bsdf)
+        tilt = -90.0 + 25.0 * float(np.sin(view))
+        scene["object"]["to_world"] = (
+            mi.ScalarTransform4f().rotate([1, 0, 0], tilt).rotate([0, 0, 1], 72.0 * view)
+        )
+        return scene
+
+    return setup
+
+
+def indices(metal: str) -> tuple[np.ndarray, np.ndarray]:
+    eta, k = load_material(metal).at(np.array(WAVELENGTHS))
+    return eta, k
+
+
+def photograph(setups: Sequence[Any], eta: Any, k: Any, spp: int, seed: int) -> list[np.ndarray]:
+    """Images by the built-in exact conductor."""
+    import mitsuba as mi
+
+    from fresnel_decomp.mitsuba.comparison import render_scene
+
+    def property_of(value: Any) -> Any:
+        return {"type": "rgb", "value": value.tolist()} if isinstance(value, np.ndarray) else value
+
+    images = []
+    for i, setup in enumerate(setups):
+        metal = {
+            "type": "roughconductor", "eta": property_of(eta), "k": property_of(k),
+            "alpha": ALPHA, "distribution": "ggx",
+        }  # fmt: skip
+        images.append(render_scene(mi.load_dict(setup(metal)), spp, seed + i))
+    return images
+
+
+def curve_error(values: Values, basis: Any, fresnel: str, exact: np.ndarray) -> float:
+    """Largest error of the three curves, over half degrees."""
+    from fresnel_decomp.mitsuba.inverse import curve
+
+    model = fresnel if "eta" in values else "decomposition"
+    return float(np.abs(curve(values, basis, model, COSINES) - exact).max())
+
+
+# --- computing -----------------------------------------------------------------------------------
+
+
+def compute(job: Job) -> dict[str, Any]:
+    from fresnel_decomp.mitsuba.comparison import variant_scope
+
+    quick = bool(job.settings.get("quick"))
+    size, spp = job.settings["size"], 16 if quick else SPP
+    with variant_scope(job.settings["variant"]):
+        setups = [sphere(i, size) for i in range(2 if quick else VIEWS)]
+        cases = CASES[:1] + CASES[4:5] if quick else CASES
+        metals = METALS[:1] if quick else METALS
+        total = len(cases) + len(metals) + 1
+        results: dict[str, Any] = {"routes": {}, "metals": {}}
+        for n, metal in enumerate(metals):
+            job.report(f"metal {metal}", n / total)
+            results["metals"][metal] = _kept(
+                job, f"metal-{metal}", lambda metal=metal: _metal(setups, metal, spp, quick)
+            )
+        job.report("two metals", len(metals) / total)
+        results["texture"] = _kept(job, "texture", lambda: _texture(job, size, spp, quick))
+        for n, case in enumerate(cases):
+            job.report(f"{case.label}, {case.start}"[:26], (len(metals) + 1 + n) / total)
+            results["routes"][case.stem] = _kept(
+                job, case.stem, lambda case=case: _route(setups, case, spp, quick)
+            )
+    return results
+
+
+def _kept(job: Job, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """What an earlier, interrupted run with the same settings computed, else `make()`."""
+    digest = hashlib.sha256(json.dumps(job.settings, sort_keys=True).encode()).hexdigest()[:8]
+    path = job.folder / f"{name}-{digest}.part"
+    if not path.is_file():
+        found = make()
+        write_json(path, json.loads(json.dumps(found), parse_constant=lambda _: None))
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def _route(setups: Sequence[Any], case: Case, spp: int, quick: bool) -> dict[str, Any]:
+    from fresnel_decomp.mitsuba.inverse import recover
+
+    eta, k = indices("Au")
+    images = photograph(setups, eta, k, spp, 1000)
+    options = dict(case.options)
+    if quick and case.route == "gradient":
+        options |= {"iterations": 3, "spp": 4}
+    if quick and case.route != "gradient":
+        options |= {"spp": 16}
+    found = recover(
+        images, setups, case.parameters, route=case.route, alpha=case.alpha,
+        roughness=case.roughness, start=case.values or None, **options,
+    )  # fmt: skip
+    exact = conductor(COSINES[:, None], eta, k)
+    path = [
+        (s.seconds, s.samples, curve_error(s.values, found.basis, found.fresnel, exact))
+        for s in found.history
+    ]
+    return {
+        "error": float(np.abs(found.reflectance(COSINES) - exact).max()),
+        "path": path,
+        **_summary(found),
+    }
+
+
+def _summary(found: Any) -> dict[str, Any]:
+    return {
+        "seconds": found.seconds,
+        "samples": found.samples,
+        "iterations": found.iterations,
+        "residual": found.residual,
+        "noise": found.noise,
+        "converged": found.converged,
+        "message": found.message,
+        "alpha": [found.alpha, found.standard_errors["alpha"]],
+        "values": {n: np.asarray(v).tolist() for n, v in found.values.items()},
+        "standard_errors": {n: np.asarray(v).tolist() for n, v in found.standard_errors.items()},
+    }
+
+
+def _metal(setups: Sequence[Any], metal: str, spp: int, quick: bool) -> dict[str, Any]:
+    """The linear solve: node colours, and the indices they lead to."""
+    from fresnel_decomp import load_basis
+    from fresnel_decomp.mitsuba.inverse import recover
+
+    eta, k = indices(metal)
+    exact = conductor(COSINES[:, None], eta, k)
+    basis = load_basis()
+    fitted = basis.evaluate(basis.coefficients(eta, k)[None], COSINES[:, None])
+    images = photograph(setups, eta, k, spp, 2000)
+    results: dict[str, Any] = {
+        "limit": float(np.abs(fitted - exact).max()),
+        "truth": {"eta": eta.tolist(), "k": k.tolist()},
+    }
+    found = recover(images, setups, "indices", alpha=ALPHA, spp=16 if quick else 128)
+    nodes = [step.values for step in found.history if "f0" in step.values][-1]
+    results["nodes"] = {"error": curve_error(nodes, found.basis, "decomposition", exact)}
+    results["indices"] = {
+        "error": float(np.abs(found.reflectance(COSINES) - exact).max()),
+        **_summary(found),
+    }
+    return results
+
+
+def _texture(job: Job, size: int, spp: int, quick: bool) -> dict[str, Any]:
+    """Gold and aluminium in a pattern: without and with knowing where which of them is."""
+    import mitsuba as mi
+
+    from fresnel_decomp import load_basis
+    from fresnel_decomp.mitsuba.comparison import render_scene
+    from fresnel_decomp.mitsuba.inverse_texture import recover_texture
+
+    height, width = TEXELS
+    y, x = np.mgrid[:height, :width]
+    mask = ((x // 4 + y // 4) % 2).astype(int)
+    metals = [indices("Au"), indices("Al")]
+
+    def bitmap(which: int) -> dict[str, Any]:
+        texels = np.where(mask[..., None] == 0, metals[0][which], metals[1][which])
+        data = mi.TensorXf(texels.astype(np.float32))
+        return {"type": "bitmap", "raw": True, "filter_type": "nearest", "data": data}
+
+    setups = [turned_sphere(i, size) for i in range(2 if quick else 6)]
+    images = []
+    for i, setup in enumerate(setups):
+        images += photograph([setup], bitmap(0), bitmap(1), spp, 3000 + i)
+    basis = load_basis()
+    cosines = np.cos([0.0, *basis.nodes])
+    truth = np.stack([conductor(cosines, e[:, None], kk[:, None]) for e, kk in metals])[mask]
+    results: dict[str, Any] = {}
+    write_exr(job.folder / "texture_truth.exr", truth[..., 0].astype(np.float32))
+    write_exr(job.folder / "texture_image.exr", images[0])
+    for name, regions in (("texels", None), ("regions", mask)):
+        found = recover_texture(
+            images, setups, TEXELS, alpha=ALPHA, regions=regions, spp=16 if quick else 128
+        )
+        error = np.abs(found.nodes - truth)
+        known = found.identified
+        results[name] = {
+            "residual": found.residual,
+            "noise": found.noise,
+            "samples": found.samples,
+            "identified": float(known.mean()),
+            "mean": [float(error[known][..., i].mean()) for i in range(3)],
+            "p95": [float(np.quantile(error[known][..., i], 0.95)) for i in range(3)],
+            "median_se": [float(np.median(found.standard_errors[..., i])) for i in range(3)],
+        }
+        write_exr(job.folder / f"texture_{name}.exr", found.nodes[..., 0].astype(np.float32))
+        again = render_scene(mi.load_dict(setups[0](found.bsdf())), spp, 4000)
+        write_exr(job.folder / f"texture_{name}_image.exr", again)
+    return results
+
+
+# --- tables --------------------------------------------------------------------------------------
+
+
+def short(value: float | None) -> str:
+    """Two digits."""
+    if value is None:
+        return "∞"
+    if value == 0.0:
+        return "0"
+    if value >= 10.0:
+        return f"{value:.0f}"
+    if value >= 1.0:
+        return f"{value:.1f}"
+    digits = 1 - int(np.floor(np.log10(value)))
+    return f"{value:.{digits}f}".lstrip("0")
+
+
+def route_table(results: Mapping[str, Any]) -> str:
+    rows = []
+    for case in CASES:
+        if case.stem not in results["routes"]:
+            continue
+        found = results["routes"][case.stem]
+        alpha, error = found["alpha"]
+        rows.append(
+            [
+                case.label,
+                case.start,
+                short(found["error"]),
+                "given" if case.roughness == "known" else f"{alpha:.4f} ± {short(error)}",
+                f"{100.0 * found['residual']:.2f} %",
+                str(found["iterations"]),
+                f"{found['samples'] / 1e6:.0f}",
+                short(found["seconds"]),
+                "yes" if found["converged"] else "no",
+            ]
+        )
+    head = ("route", "start", "largest curve error", "α", "residual", "iterations",
+            "paths, millions", "seconds", "converged")  # fmt: skip
+    return markdown(head, rows)
+
+
+def metal_table(results: Mapping[str, Any]) -> str:
+    rows = []
+    for metal, found in results["metals"].items():
+        nodes, index = found["nodes"], found["indices"]
+        pairs = [
+            f"{short(index['values'][n][1])} ± {short(index['standard_errors'][n][1])} "
+            f"({short(found['truth'][n][1])})"
+            for n in ("eta", "k")
+        ]
+        rows.append([metal, short(nodes["error"]), short(found["limit"]), short(index["error"]),
+                     *pairs])  # fmt: skip
+    head = ("metal", "node colours", "fit at the nodes", "(eta, k)", "eta, green", "k, green")
+    return markdown(head, rows)
+
+
+def texture_table(results: Mapping[str, Any]) -> str:
+    labels = {"texels": "every texel by itself", "regions": "materials' places known"}
+    rows = [
+        [
+            labels[name],
+            f"{100.0 * found['identified']:.0f} %",
+            *(f"{short(m)} / {short(p)}" for m, p in zip(found["mean"], found["p95"], strict=True)),
+            f"{100.0 * found['residual']:.1f} %",
+        ]
+        for name, found in results["texture"].items()
+    ]
+    head = ("unknowns", "identified", "F(0°)", "F(83°)", "F(75°)", "residual")
+    return markdown(head, rows)
+
+
+# --- drawing -------------------------------------------------------------------------------------
+
+COLOURS = {
+    "linear, node colours": "#0072b2",
+    "linear, (eta, k)": "#56b4e9",
+    "hybrid, (eta, k) and α": "#009e73",
+    "gradient, node colours": "#e69f00",
+    "gradient, (eta, k), fitted": "#cc79a7",
+    "gradient, (eta, k), exact": "#d55e00",
+    "gradient, node colours and α": "#7f7f7f",
+}
+
+
+def draw(folder: Path, pictures: Path) -> None:
+    results = read_sidecar(NAME, folder)["results"]
+    draw_routes(results, pictures / FIGURE.pictures[0])
+    draw_texture(folder, pictures / FIGURE.pictures[1])
+
+
+def draw_routes(results: Mapping[str, Any], path: Path) -> None:
+    """Largest curve error over camera paths and over time."""
+    with style.styled():
+        page = Page(9.6, 3.7)
+        panels = [page.axes(0.65, 0.35, 3.0, 2.75), page.axes(4.05, 0.35, 3.0, 2.75)]
+        for axes, column, label in zip(
+            panels, (1, 0), ("camera paths", "seconds on two cores"), strict=True
+        ):
+            for case in CASES:
+                if case.stem not in results["routes"]:
+                    continue
+                steps = np.array(results["routes"][case.stem]["path"], float)
+                looks: dict[str, Any] = {"color": COLOURS[case.label], "lw": 1.3}
+                looks["ls"] = (0, (3, 1.5)) if case.start == "bad" else "-"
+                if case.route == "linear":
+                    looks |= {"marker": "o", "ms": 4.5}
+                best = steps[:, 2]
+                if case.route == "hybrid":  # roughnesses are tried in any order
+                    best = np.minimum.accumulate(best)
+                axes.plot(steps[:, column], best, **looks)
+                axes.plot(steps[-1, column], best[-1], marker="o", ms=4.5, color=looks["color"])
+            axes.set_xscale("log")
+            axes.set_yscale("log")
+            axes.set_xlabel(label)
+            axes.axhline(0.01, color=GREY, lw=0.7, ls=":")
+        panels[0].set_ylabel("largest error of the curves")
+        panels[1].set_yticklabels([])
+        panels[1].set_ylim(panels[0].get_ylim())
+        handles = [
+            panels[0].plot([], [], color=colour, label=label)[0]
+            for label, colour in COLOURS.items()
+        ]
+        handles.append(panels[0].plot([], [], color=GREY, ls=(0, (3, 1.5)), label="bad start")[0])
+        panels[1].legend(handles=handles, loc="upper left", bbox_to_anchor=(1.02, 1.0), fontsize=8)
+        page.save(path, dpi=150)
+
+
+def draw_texture(folder: Path, path: Path) -> None:
+    """The two-metal sphere: one of its images, what was recovered, and that rendered."""
+    names = ("truth", "texels", "regions")
+    titles = ("truth", "every texel by itself", "places known")
+    side, gap, top = 2.1, 0.12, 0.32
+    with style.styled():
+        page = Page(0.62 + 3 * (side + gap), top + side + gap + side / 2 + 0.06)
+        for i, (name, title) in enumerate(zip(names, titles, strict=True)):
+            x = 0.5 + i * (side + gap)
+            page.write(x + side / 2, 0.17, title, size=9.5)
+            stem = "texture_image" if name == "truth" else f"texture_{name}_image"
+            page.picture(x, top, side, read_exr(folder / f"{stem}.exr"))
+            texture = np.repeat(np.repeat(read_exr(folder / f"texture_{name}.exr"), 4, 0), 4, 1)
+            axes = page.axes(x, top + side + gap, side, side / 2)
+            from fresnel_decomp.images import display
+
+            axes.imshow(display(texture), vmin=0, vmax=1, aspect="auto", interpolation="nearest")
+            axes.set_axis_off()
+        page.write(0.25, top + side / 2, "first of six images", rotation=90, size=8.5)
+        page.write(0.25, top + side + gap + side / 4, "F(0°)", rotation=90, size=8.5)
+        page.save(path, dpi=130)
+
+
+FIGURE = Figure(
+    name=NAME,
+    title="Inverse rendering: error against time and samples, and a sphere of two metals",
+    minutes=20.0,
+    compute=compute,
+    draw=draw,
+    pictures=("inverse_routes.png", "inverse_two_metals.png"),
+    parameters={
+        "cases": [asdict(case) for case in CASES],
+        "metals": METALS,
+        "alpha": ALPHA,
+        "views": VIEWS,
+        "wavelengths": WAVELENGTHS,
+        "texels": TEXELS,
+    },
+    scene="sphere in the studio's light",
+    size=64,
+    spp=SPP,
+)
+
+group = commands(FIGURE)
+
+
+@group.command("page")
+@click.argument("page", type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@click.option("--data", type=click.Path(path_type=Path), help="What --out of `compute` was.")
+def page_command(page: Path, data: Path | None) -> None:
+    """Put the tables into a Markdown file, between their marks."""
+    results = read_sidecar(NAME, (data or DATA) / NAME)["results"]
+    insert(page, route_table(results), MARKS)
+    insert(page, metal_table(results), METAL_MARKS)
+    insert(page, texture_table(results), TEXTURE_MARKS)
+    click.echo(f"Wrote {shown(page)}")
+
+
+if __name__ == "__main__":
+    main(group)

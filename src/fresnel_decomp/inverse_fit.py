@@ -1,0 +1,389 @@
+"""Least squares for inverse rendering: noise on both sides, inequalities, honest standard errors.
+
+An image is data with noise; so is the rendered derivative by which it is explained, and least
+squares with a noisy derivative is biased towards nothing ("attenuation"). Therefore everything is
+rendered twice with independent samples, a and b, and products are taken across: J_aᵀ W J_b has no
+bias. This is estimation with instrumental variables, one rendering being the other's instrument.
+No renderer is needed here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.optimize
+from numpy.typing import ArrayLike, NDArray
+
+from ._check import input_error
+from .basis import Basis
+from .parametrization import gulbrandsen_to_ior
+
+__all__ = [
+    "CurveFit",
+    "Solution",
+    "curve_limits",
+    "fit_curve_parameters",
+    "least_squares",
+    "nearest_feasible",
+    "node_map",
+]
+
+_DEAD = 1e-7
+"""Eigenvalue of the scaled normal matrix, whose diagonal is 1, at which a direction is unknown."""
+
+_MOSTLY = 0.1
+"""Squared cosine between a parameter and unknown directions from which nothing is known of it."""
+
+PRIOR_DEVIATION = 12.0**-0.5
+"""Standard deviation of a number that may be anything from 0 to 1. A reflectance, or an edge tint,
+is called identified if the images know it better than this."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What `least_squares` found.
+
+    Attributes
+    ----------
+    x : (n,) float
+    covariance : (n, n) float
+        Of the solution without constraints; infinite variance where nothing was learnt.
+    normal : (n, n) float
+        Normal matrix: the weighted misfit grows by (x - x')ᵀ normal (x - x').
+    residual : (m,) float
+        target - prediction, with the mean of both renderings.
+    misfit : float
+        Weighted sum of squares across the two renderings, without the bias of their noise.
+    unconstrained : (n,) float
+        The solution without inequalities.
+    root : (n, n) float
+        rootᵀ root is the normal matrix, with a little cost where it has none.
+    """
+
+    x: Array
+    covariance: Array
+    normal: Array
+    residual: Array
+    misfit: float
+    unconstrained: Array
+    root: Array
+
+    @property
+    def constrained(self) -> bool:
+        """Whether an inequality decided."""
+        return not np.array_equal(self.x, self.unconstrained)
+
+    @property
+    def standard_errors(self) -> Array:
+        """(n,) float"""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def least_squares(
+    columns: ArrayLike,
+    offset: ArrayLike,
+    target: ArrayLike,
+    weight: ArrayLike,
+    start: ArrayLike,
+    inequalities: tuple[ArrayLike, ArrayLike] | None = None,
+) -> Solution:
+    """Solve target = offset + columns x, where columns and offset were rendered twice.
+
+    Parameters
+    ----------
+    columns : (2, m, n) float
+        Two independent estimates of the derivative. Give the same twice if it has no noise.
+    offset : (2, m) float
+    target : (m,) float
+    weight : (m,) float >= 0
+        One over the variance, up to a factor.
+    start : (n,) float
+        What directions get that the data say nothing about.
+    inequalities : (G, h), optional
+        (q, n) and (q,): G x >= h must hold.
+
+    Returns
+    -------
+    Solution
+        The covariance is White's (1980): from the residuals themselves, so neither does the
+        weight's scale matter nor whether it is right. It assumes that residuals are independent.
+
+    Raises
+    ------
+    InputError
+        For shapes that do not fit, fewer data than unknowns, and infeasible inequalities.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fresnel_decomp.inverse_fit import least_squares
+    >>> x = np.linspace(0.0, 1.0, 9)
+    >>> J = np.stack([np.ones(9), x], axis=1)
+    >>> result = least_squares([J, J], np.zeros((2, 9)), 2.0 + 3.0 * x, np.ones(9), np.zeros(2))
+    >>> result.x.round(6)
+    array([2., 3.])
+    """
+    J, o = np.asarray(columns, np.float64), np.asarray(offset, np.float64)
+    y, w = np.asarray(target, np.float64), np.asarray(weight, np.float64)
+    x0 = np.asarray(start, np.float64)
+    m, n = J.shape[-2:]
+    if J.shape != (2, m, n) or o.shape != (2, m) or y.shape != (m,) != w.shape:
+        raise input_error(
+            f"arrays of shapes {J.shape}, {o.shape}, {y.shape}, {w.shape}",
+            "(2, m, n), (2, m), (m,), (m,)",
+            "Give two renderings of the derivative.",
+        )
+    if np.count_nonzero(w) < n:
+        raise input_error(
+            f"{np.count_nonzero(w)} data for {n} unknowns", "at least as many", "Add images."
+        )
+    (a, b), wa = J, w[:, None] * J[0]
+    normal = 0.5 * (wa.T @ b + b.T @ wa)
+    r = y - o - J @ x0  # (2, m): of each rendering
+    right = 0.5 * (wa.T @ r[1] + (w[:, None] * b).T @ r[0])
+    size = np.einsum("mi,m,mi->i", 0.5 * (a + b), w, 0.5 * (a + b))
+    scale = 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0))
+    values, vectors = np.linalg.eigh(normal * scale[:, None] * scale)
+    known = values > _DEAD
+    inverse = np.where(known, 1.0 / np.where(known, values, 1.0), 0.0)
+    pseudo = scale[:, None] * (vectors * inverse @ vectors.T) * scale
+    x = x0 + pseudo @ right
+    r = y - o - J @ x
+    scores = 0.5 * w[:, None] * (a * r[1][:, None] + b * r[0][:, None])
+    covariance = pseudo @ (scores.T @ scores) @ pseudo * (m / max(m - n, 1))
+    covariance = _with_unknown(covariance, scale[:, None] * vectors[:, ~known])
+    free = x
+    # what is unknown costs next to nothing to move
+    root = np.sqrt(np.where(known, values, 1e-9))[:, None] * vectors.T / scale
+    if inequalities is not None:
+        G, h = (np.asarray(part, np.float64) for part in inequalities)
+        if np.any(G @ x < h - 1e-12):
+            x = nearest_feasible(root, x, G, h)
+            r = y - o - J @ x
+    return Solution(x, covariance, normal, r.mean(axis=0), float(w @ (r[0] * r[1])), free, root)
+
+
+def _with_unknown(covariance: Array, directions: Array) -> Array:
+    """Add what is unknown along `directions` (n, q): of order one, infinite where it rules."""
+    length = np.linalg.norm(directions, axis=0)
+    share = np.sum((directions / np.where(length > 0.0, length, 1.0)) ** 2, axis=1)
+    variance = np.diag(covariance) + share
+    result = covariance.copy()
+    result[np.diag_indices(len(share))] = np.where(share > _MOSTLY, np.inf, variance)
+    return result
+
+
+def nearest_feasible(root: ArrayLike, x: ArrayLike, G: ArrayLike, h: ArrayLike) -> Array:
+    """The point next to `x` with G x >= h, where distance is |root (x' - x)|.
+
+    Parameters
+    ----------
+    root : (n, n) float
+        Regular; rootᵀ root is the normal matrix.
+    x : (n,) float
+    G, h : (q, n), (q,) float
+
+    Returns
+    -------
+    (n,) float
+        Least-distance programming by non-negative least squares (Lawson and Hanson 1974,
+        chapter 23).
+
+    Raises
+    ------
+    InputError
+        If no point satisfies all inequalities.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fresnel_decomp.inverse_fit import nearest_feasible
+    >>> nearest_feasible(np.eye(2), [-1.0, 2.0], [[1.0, 0.0]], [0.0]).round(6) + 0.0
+    array([0., 2.])
+    """
+    root, x = np.asarray(root, np.float64), np.asarray(x, np.float64)
+    G, h = np.asarray(G, np.float64), np.asarray(h, np.float64)
+    inverse = np.linalg.inv(root)
+    missing = h - G @ x
+    unit = max(float(missing.max()), 1e-300)  # the answer scales with what is missing
+    E = np.vstack([(G @ inverse).T, missing / unit])
+    f = np.zeros(len(E))
+    f[-1] = 1.0
+    multipliers, distance = scipy.optimize.nnls(E, f, maxiter=50 * E.shape[1])
+    if distance < 1e-9:
+        raise input_error(
+            "inequalities that contradict each other",
+            "bounds with values between them",
+            "Widen them.",
+        )
+    r = E @ multipliers - f
+    return x + unit * (inverse @ (-r[:-1] / r[-1]))
+
+
+def node_map(basis: Basis) -> tuple[Array, Array]:
+    """Coefficients from reflectances at 0° and at the nodes: c = a + M x.
+
+    Returns
+    -------
+    a : (terms,) float
+    M : (terms, terms - 1) float
+    """
+    n = basis.terms - 1
+    a = basis.coefficients_from_reflectance(0.0, np.zeros(n - 1))
+    points = np.eye(n)
+    M = (basis.coefficients_from_reflectance(points[:, 0], points[:, 1:]) - a).T
+    return a, M
+
+
+def curve_limits(
+    basis: Basis, bounds: tuple[float, float], nodes: bool, angles: int = 91
+) -> tuple[Array, Array]:
+    """Inequalities G x >= h that keep a curve within bounds, on a grid of angles.
+
+    Parameters
+    ----------
+    basis : Basis
+    bounds : (low, high)
+    nodes : bool
+        Whether x are reflectances at 0° and the nodes, or coefficients.
+    angles : int
+        From 0° to 90°, equally spaced.
+
+    Returns
+    -------
+    G, h : (2 angles, n), (2 angles,) float
+    """
+    low, high = bounds
+    if not low < high:
+        raise input_error(f"bounds={bounds}", "low < high", "Use (0.0, 1.05), or None for none.")
+    functions = basis(np.sin(np.radians(np.linspace(90.0, 0.0, angles))))
+    base = np.zeros(angles)
+    if nodes:
+        a, M = node_map(basis)
+        base, functions = functions @ a, functions @ M
+    return (
+        np.concatenate([functions, -functions]),
+        np.concatenate([low - base, base - high]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class CurveFit:
+    """Parameters of exact curves, fitted to reflectances at 0° and the nodes.
+
+    Attributes
+    ----------
+    values : (2,) float
+        (eta, k) or (r, g).
+    covariance : (2, 2) float
+        Infinite variances where a parameter does not matter.
+    misfit : float
+        (x - x̂)ᵀ normal (x - x̂).
+    """
+
+    values: Array
+    covariance: Array
+    misfit: float
+
+
+def fit_curve_parameters(
+    x: ArrayLike,
+    normal: ArrayLike,
+    covariance: ArrayLike,
+    kind: str,
+    basis: Basis,
+    start: ArrayLike | None = None,
+) -> CurveFit:
+    """The index whose decomposed curve explains the images best, without another image.
+
+    Since images are linear in x, their misfit *is* (x - x̂)ᵀ N (x - x̂), whatever x depends on: so
+    the nonlinear search for (eta, k) needs the normal matrix N and no renderer.
+
+    Parameters
+    ----------
+    x : (terms - 1,) float
+        Reflectances at 0° and at the nodes, by `least_squares`.
+    normal, covariance : (terms - 1, terms - 1) float
+    kind : {"indices", "gulbrandsen"}
+    basis : Basis
+    start : (2,) float, optional
+        Tried besides a range of edge tints for the reflectivity x[0].
+
+    Returns
+    -------
+    CurveFit
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fresnel_decomp import load_basis
+    >>> from fresnel_decomp.fresnel import conductor
+    >>> from fresnel_decomp.inverse_fit import fit_curve_parameters
+    >>> basis = load_basis()
+    >>> x = conductor(np.cos([0.0, *basis.nodes]), 0.4, 2.5)
+    >>> fit_curve_parameters(x, np.eye(3), np.eye(3), "indices", basis).values.round(4)
+    array([0.4, 2.5])
+    """
+    from .fresnel import conductor
+
+    x, normal = np.asarray(x, np.float64), np.asarray(normal, np.float64)
+    cosines = np.cos([0.0, *basis.nodes])
+    values, vectors = np.linalg.eigh(normal)
+    root = np.sqrt(np.maximum(values, 1e-9 * values[-1]))[:, None] * vectors.T
+    tints = (0.0, 0.3, 0.6, 0.8, 0.9, 0.96, 0.99, 1.0)
+    r0 = float(np.clip(x[0], 0.002, 0.995))
+    starts = [(r0, g) for g in tints]
+    curve: Callable[[Array], Array]
+    if kind == "indices":
+        low, high = np.array([0.02, 0.0]), np.array([20.0, 20.0])
+        starts = [gulbrandsen_to_ior(*pair) for pair in starts]
+
+        def curve(p: Array) -> Array:
+            return np.asarray(conductor(cosines, p[0], p[1]))
+    else:
+        low, high = np.array([1e-5, 0.0]), np.array([1.0 - 1e-5, 1.0])
+
+        def curve(p: Array) -> Array:
+            return np.asarray(conductor(cosines, *gulbrandsen_to_ior(p[0], p[1])))
+
+    if start is not None:
+        starts.append(tuple(np.asarray(start, np.float64).tolist()))
+    best = None
+    # the misfits only compared by size, so that starts are ranked before any is improved
+    ranked = sorted(
+        (np.clip(s, low + 1e-6, high - 1e-6) for s in starts),
+        key=lambda s: float(np.sum((root @ (curve(s) - x)) ** 2)),
+    )
+    for begin in ranked[:3]:
+        found = scipy.optimize.least_squares(
+            lambda p: root @ (curve(p) - x), begin, bounds=(low, high), x_scale="jac",
+            xtol=1e-12, ftol=1e-12, gtol=1e-12,
+        )  # fmt: skip
+        if best is None or found.cost < best.cost:
+            best = found
+    assert best is not None
+    p = best.x
+    step = 1e-5 * np.maximum(np.abs(p), 0.1)
+    A = np.empty((len(x), 2))
+    for i in range(2):
+        d = np.zeros(2)
+        d[i] = step[i]
+        up, down = np.minimum(p + d, high), np.maximum(p - d, low)
+        A[:, i] = (curve(up) - curve(down)) / (up[i] - down[i])
+    inner = A.T @ normal @ A
+    size = np.sqrt(np.maximum(np.diag(inner), 0.0))
+    scale = 1.0 / np.where(size > 0.0, size, 1.0)
+    eigenvalues, axes = np.linalg.eigh(inner * scale[:, None] * scale)
+    known = eigenvalues > _DEAD
+    if np.all(np.isfinite(covariance)):
+        inverse = np.where(known, 1.0 / np.where(known, eigenvalues, 1.0), 0.0)
+        gain = scale[:, None] * (axes * inverse @ axes.T) * scale @ A.T @ normal
+        spread = gain @ np.asarray(covariance, np.float64) @ gain.T
+    else:
+        spread = np.full((2, 2), np.inf)
+    spread = _with_unknown(spread, scale[:, None] * axes[:, ~known])
+    return CurveFit(p, spread, float(2.0 * best.cost))

@@ -1,0 +1,549 @@
+"""Inverse rendering: what a metal is made of, from images of it under known light.
+
+`recover` has three routes. "linear" renders the basis and solves constrained least squares;
+"gradient" descends with Mitsuba's `prb` integrator; "hybrid" solves linearly inside a search for
+what images are not linear in. All of them say how sure they are of each number.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+
+from .._check import choose, input_error, is_real, is_whole
+from ..basis import Basis, load_basis
+from ..fresnel import conductor
+from ..inverse_fit import PRIOR_DEVIATION, Solution, curve_limits, least_squares
+from ..parametrization import gulbrandsen_to_ior
+from .inverse_gradient import RANGES, Descent, NonFiniteGradientError, descend
+from .inverse_images import KINDS, Images, Observed, Setup, derived_seed, names_of, observe
+from .inverse_linear import (
+    LinearFit,
+    calibrate,
+    fit_channels,
+    refine_roughness,
+    search_roughness,
+    solve_images,
+    solve_jointly,
+)
+
+__all__ = ["ROUTES", "NonFiniteGradientError", "Recovered", "Step", "recover"]
+
+Array = NDArray[np.float64]
+
+ROUTES = ("linear", "gradient", "hybrid")
+
+_SEARCH_SPP = 16
+_DIFFERENCES = {"eta": 0.02, "k": 0.02}  # steps of the last derivative; .01 else
+
+
+@dataclass(frozen=True)
+class Step:
+    """Where a route stood on its way.
+
+    Attributes
+    ----------
+    seconds : float
+    samples : int
+        Camera paths traced so far.
+    values : dict
+        Parameters by name, with "alpha".
+    """
+
+    seconds: float
+    samples: int
+    values: dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Recovered:
+    """A recovered conductor.
+
+    Attributes
+    ----------
+    parameters, route : str
+        As asked for.
+    values : dict
+        (3,) arrays by name, red, green, blue; "alpha" is a number.
+    standard_errors : dict
+        Of `values`: one standard deviation, from the scatter of the images' own residuals.
+        Infinite where the images say nothing. Roughness that was given has 0.
+    identified : dict
+        (3,) bool by name: whether the images know more than the parameter's range does.
+    coefficients : (3, n) float
+        Of the decomposed curves.
+    alpha : float
+    residual : float
+        RMS difference between images and prediction over the conductor's pixels, relative to
+        their mean radiance.
+    noise : float
+        The same, as the noise of both would explain it. A residual far above says that the scene
+        or the parameters cannot explain the images.
+    iterations : int
+        Linearisations, roughnesses tried, or steps of the descent.
+    samples : int
+        Camera paths traced.
+    seconds : float
+    converged : bool
+    message : str
+        What to do if something is doubtful, else "".
+    constrained : (3,) bool
+        Channels in which bounds decided.
+    history : tuple of Step
+    """
+
+    parameters: str
+    route: str
+    values: dict[str, Any]
+    standard_errors: dict[str, Any]
+    identified: dict[str, Any]
+    coefficients: Array
+    alpha: float
+    residual: float
+    noise: float
+    iterations: int
+    samples: int
+    seconds: float
+    converged: bool
+    message: str
+    constrained: NDArray[np.bool_]
+    fresnel: str
+    basis: Basis = field(repr=False)
+    distribution: str = "ggx"
+    history: tuple[Step, ...] = field(default=(), repr=False)
+
+    def reflectance(self, cos_theta: Any) -> Array:
+        """Reflectance of red, green and blue at cosines (...), as (..., 3)."""
+        return curve(self.values, self.basis, self.fresnel, cos_theta)
+
+    def bsdf(self) -> dict[str, Any]:
+        """The dictionary of a `decomposed_conductor` that looks so."""
+        named = {name: value for name, value in self.values.items() if name != "alpha"}
+        return {
+            "type": "decomposed_conductor",
+            **{name: {"type": "rgb", "value": list(map(float, v))} for name, v in named.items()},
+            "alpha": self.alpha,
+            "distribution": self.distribution,
+            "fresnel": self.fresnel,
+            "recipe": self.basis.recipe,
+            "terms": self.basis.terms,
+        }
+
+
+def curve(values: Mapping[str, Any], basis: Basis, fresnel: str, cos_theta: Any) -> Array:
+    """Reflectance (..., 3) of named parameters."""
+    cosine = np.asarray(cos_theta, np.float64)[..., None]
+    if fresnel == "exact":
+        return np.asarray(conductor(cosine, *_indices(values)))
+    return basis.evaluate(_coefficients(values, basis), cosine)
+
+
+def _indices(values: Mapping[str, Any]) -> tuple[Any, Any]:
+    if "eta" in values:
+        return np.asarray(values["eta"]), np.asarray(values["k"])
+    return gulbrandsen_to_ior(np.asarray(values["r"]), np.asarray(values["g"]))
+
+
+def _coefficients(values: Mapping[str, Any], basis: Basis) -> Array:
+    """(3, terms) of named parameters."""
+    if "c0" in values:
+        return np.stack([values[f"c{i}"] for i in range(basis.terms)], axis=-1)
+    if "f0" in values:
+        nodes = np.stack([values[f"f{i}"] for i in range(1, basis.terms - 1)], axis=-1)
+        return np.asarray(basis.coefficients_from_reflectance(values["f0"], nodes))
+    return np.asarray(basis.coefficients(*_indices(values), poor_fit="keep"))
+
+
+def recover(
+    images: Any,
+    scenes: Setup | Sequence[Setup],
+    parameters: str = "nodes",
+    *,
+    route: str = "linear",
+    alpha: float = 0.1,
+    roughness: str = "known",
+    start: Mapping[str, Any] | None = None,
+    basis: Basis | None = None,
+    fresnel: str | None = None,
+    distribution: str = "ggx",
+    noise: Any = None,
+    bounds: tuple[float, float] | None = (0.0, 1.05),
+    spp: int | None = None,
+    seed: int = 0,
+    iterations: int | None = None,
+    step: float = 1.0,
+    progress: Callable[[Step], None] | None = None,
+) -> Recovered:
+    """Recover a conductor from images of it under known light.
+
+    Parameters
+    ----------
+    images : (height, width, 3) float array, or a sequence of them
+        Linear RGB.
+    scenes : callable, or one for each image
+        Takes the dictionary of a BSDF and returns that of the scene in which the image was made,
+        for `mi.load_dict`: camera, light and all other objects known. Its integrator says how
+        often light may bounce (`max_depth`); Russian roulette is switched off.
+    parameters : {"nodes", "coefficients", "indices", "gulbrandsen"}
+        f0, f1, ... (reflectance at 0° and at the nodes; it is 1 at 90°), c0, c1, ... (without that
+        condition, hence with one unknown more), (eta, k), or (r, g).
+    route : {"linear", "gradient", "hybrid"}
+        "linear": render the basis, solve, and from node colours find (eta, k) or (r, g). For known
+        roughness. "hybrid": the same inside a search for roughness, then all together
+        (Gauss-Newton). "gradient": Adam on the parameters themselves.
+    alpha : float in (0, 1]
+        Roughness, or where its search starts.
+    roughness : {"known", "unknown"}
+    start : mapping of names to numbers or (3,) arrays, optional
+        For "gradient"; default .5, eta = 1.5, k = 3. What the images say nothing about keeps it.
+    basis : Basis, optional
+        Default `load_basis()`.
+    fresnel : {"decomposition", "exact"}, optional
+        How (eta, k) and (r, g) make curves; default "exact" but for "gradient", where the fitted
+        curves are what can be descended on (see the study). Node colours and coefficients are
+        always decompositions.
+    distribution : {"ggx", "beckmann"}
+    noise : float, or arrays like the images, optional
+        Standard deviation of each pixel. By default it is estimated from the images' residuals,
+        spread over the pixels as the noise of our own renderings is.
+    bounds : (low, high) or None
+        Of the recovered curves between 0° and 90°, for the linear solves. Metals stay below 1, but
+        their colours need not (gold's red is 1.022), and a basis overshoots: hence 1.05.
+    spp : int, optional
+        Samples per pixel of our renderings; default 128, for "gradient" 36.
+    seed : int
+        Same seed, same result. It should not be the images' own.
+    iterations : int, optional
+        At most; default 6 linearisations, 400 steps of descent.
+    step : float
+        Factor on the steps of the descent.
+    progress : callable, optional
+        Called with a `Step` after every iteration.
+
+    Returns
+    -------
+    Recovered
+
+    Raises
+    ------
+    InputError
+        For images that do not fit the scenes, scenes without the conductor, or bad options.
+    NonFiniteGradientError
+        For a derivative that is not a number; it names the parameter.
+
+    Notes
+    -----
+    Light that meets the conductor at most once makes images linear in f_i and c_i: one
+    linearisation is the answer. With interreflection they are polynomials; `linear` then iterates,
+    and `converged` says whether it ended. Node colours are calibrated: what least squares makes of
+    the nearest exact conductor, whose node colours are known, is subtracted.
+
+    Examples
+    --------
+    >>> import mitsuba as mi
+    >>> mi.set_variant("scalar_rgb")
+    >>> from fresnel_decomp.mitsuba import register
+    >>> from fresnel_decomp.mitsuba.comparison import render_scene
+    >>> from fresnel_decomp.mitsuba.inverse import recover
+    >>> from fresnel_decomp.mitsuba.scenes import lit_object
+    >>> register()
+    >>> scene = lambda bsdf: lit_object(bsdf, {"type": "constant"}, size=12)
+    >>> gold = {"type": "roughconductor", "material": "Au", "alpha": 0.1, "distribution": "ggx"}
+    >>> image = render_scene(mi.load_dict(scene(gold)), spp=64, seed=1)
+    >>> result = recover(image, scene, alpha=0.1, spp=32)
+    >>> result.converged, result.values["f0"].round(1)
+    (True, array([1. , 0.8, 0.3]))
+    """
+    choose("parameters", parameters, KINDS)
+    choose("route", route, ROUTES)
+    choose("roughness", roughness, ("known", "unknown"))
+    choose("distribution", distribution, ("ggx", "beckmann"))
+    basis = basis or load_basis()
+    exact_able = parameters in ("indices", "gulbrandsen")
+    fresnel = fresnel or ("exact" if exact_able and route != "gradient" else "decomposition")
+    choose("fresnel", fresnel, ("decomposition", "exact"))
+    _check(parameters, route, roughness, fresnel, alpha, spp, seed, iterations)
+    setups = [scenes] if callable(scenes) else list(scenes)
+    names = names_of(parameters, basis.terms)
+    first = _start(names, start)
+    make: dict[str, Any] = {"distribution": distribution}
+    if route == "gradient":
+        made = Images(setups, parameters, basis, fresnel=fresnel, **make)
+    else:
+        made = Images(setups, "coefficients", basis, **make)
+    observed = observe(images, made.sizes, noise)
+    run = _Run(made, observed, parameters, basis, fresnel, distribution, seed, progress)
+    if route == "gradient":
+        return run.descent(first, alpha, roughness, spp or 36, iterations or 400, step)
+    return run.linear(route, setups, alpha, roughness, bounds, spp or 128, iterations or 6)
+
+
+def _check(
+    parameters: str, route: str, roughness: str, fresnel: str, alpha: Any, spp: Any, seed: Any,
+    iterations: Any,
+) -> None:  # fmt: skip
+    if mi.variant() is None or "_rgb" not in mi.variant() or "polarized" in mi.variant():
+        raise input_error(
+            f"variant {mi.variant()}", "an RGB variant", "Call mi.set_variant('llvm_ad_rgb')."
+        )
+    if fresnel == "exact" and parameters in ("nodes", "coefficients"):
+        raise input_error(
+            f"fresnel='exact' with parameters='{parameters}'",
+            "'indices' or 'gulbrandsen'",
+            "Reflectances do not determine an index of refraction.",
+        )
+    if route == "linear" and roughness == "unknown":
+        raise input_error(
+            "route='linear' with roughness='unknown'",
+            "'hybrid' or 'gradient'",
+            "Images are not linear in roughness.",
+        )
+    if not is_real(alpha, *RANGES["alpha"]):
+        raise input_error(
+            f"alpha={alpha!r}", "a number from 0.005 to 1", "Start at 0.2 if you do not know it."
+        )
+    for name, value, least in (("spp", spp, 2), ("seed", seed, 0), ("iterations", iterations, 1)):
+        if value is not None and not is_whole(value, least):
+            raise input_error(f"{name}={value!r}", f"an integer >= {least}", "See `recover`.")
+
+
+def _start(names: Sequence[str], given: Mapping[str, Any] | None) -> Array:
+    """(n, 3) starting values."""
+    default = {"eta": 1.5, "k": 3.0}
+    values = {name: np.full(3, default.get(name, 0.5)) for name in names}
+    for name, value in (given or {}).items():
+        choose("start", name, names)
+        low, high = RANGES.get(name, (-np.inf, np.inf))
+        array = np.asarray(value, np.float64)
+        if array.shape not in ((), (3,)) or not np.all((array >= low) & (array <= high)):
+            raise input_error(
+                f"start {name}={np.round(array, 6)}",
+                f"a number or three, in [{low:g}, {high:g}]",
+                "Three numbers stand for red, green and blue.",
+            )
+        values[name] = np.broadcast_to(array, 3).astype(np.float64)
+    return np.stack([values[name] for name in names])
+
+
+class _Run:
+    """One call of `recover`."""
+
+    def __init__(
+        self, images: Images, observed: Observed, kind: str, basis: Basis, fresnel: str,
+        distribution: str, seed: int, progress: Callable[[Step], None] | None,
+    ) -> None:  # fmt: skip
+        self.images, self.observed, self.kind, self.basis = images, observed, kind, basis
+        self.fresnel, self.distribution, self.seed = fresnel, distribution, seed
+        self.progress, self.history = progress, []
+        self.others: list[Images] = []
+        self.begun = time.perf_counter()
+
+    history: list[Step]
+
+    def _record(self, names: Sequence[str], x: Array, alpha: float) -> None:
+        values = {name: row.copy() for name, row in zip(names, x, strict=True)}
+        samples = self.images.samples + sum(other.samples for other in self.others)
+        step = Step(time.perf_counter() - self.begun, samples, values | {"alpha": alpha})
+        self.history.append(step)
+        if self.progress is not None:
+            self.progress(step)
+
+    # --- linear and hybrid ---
+
+    def linear(
+        self, route: str, setups: Sequence[Setup], alpha: float, roughness: str,
+        bounds: tuple[float, float] | None, spp: int, iterations: int,
+    ) -> Recovered:  # fmt: skip
+        nodes = self.kind != "coefficients"
+        inner = names_of("nodes" if nodes else "coefficients", self.basis.terms)
+        options: dict[str, Any] = {
+            "nodes": nodes,
+            "bounds": bounds,
+            "start": np.full((len(inner), 3), 0.5),
+            "record": lambda x, a: self._record(inner, x, a),
+        }
+        alpha_error, tried = 0.0, 0
+        if roughness == "unknown":
+            search = self.seed_for(0)
+            alpha, tried = search_roughness(
+                self.images, self.observed, spp=min(spp, _SEARCH_SPP), seed=search, alpha=alpha,
+                span=_SPAN, **options,
+            )  # fmt: skip
+            alpha, alpha_error, fit = refine_roughness(
+                self.images, self.observed, alpha, spp=spp, seed=self.seed_for(1), span=_SPAN,
+                **options,
+            )  # fmt: skip
+        else:
+            fit = solve_images(
+                self.images, self.observed, alpha, spp=spp, seed=self.seed_for(1),
+                iterations=iterations, **options,
+            )  # fmt: skip
+        x = fit.x
+        if nodes:
+            exact = Images(
+                setups, "indices", self.basis, fresnel="exact", distribution=self.distribution
+            )
+            self.others.append(exact)
+            limits = None if bounds is None else curve_limits(self.basis, bounds, True)
+            x = calibrate(
+                exact, fit, self.observed, alpha, spp=spp, seed=self.seed_for(1), limits=limits
+            )
+            self._record(inner, x, alpha)
+        values, errors, message = self._named(x, fit, inner)
+        return self._finish(
+            route, values, errors, alpha, alpha_error, fit.model.predict(fit.x), fit.model.visible,
+            tried + fit.iterations, fit.converged, message,
+            np.array([s.constrained for s in fit.channels]),
+        )  # fmt: skip
+
+    def _named(
+        self, x: Array, fit: LinearFit, inner: Sequence[str]
+    ) -> tuple[dict[str, Any], dict[str, Any], str]:
+        """Values and standard errors of the parameters asked for."""
+        if self.kind in ("nodes", "coefficients"):
+            errors = np.stack([s.standard_errors for s in fit.channels], axis=1)
+            return (
+                dict(zip(inner, x, strict=True)),
+                dict(zip(inner, errors, strict=True)),
+                "" if fit.converged else "Not converged: raise iterations or spp.",
+            )
+        fits = fit_channels(x, fit.channels, self.kind, self.basis)
+        names = names_of(self.kind, self.basis.terms)
+        values = np.stack([f.values for f in fits], axis=1)
+        errors = np.sqrt(np.stack([np.diag(f.covariance) for f in fits], axis=1))
+        self._record(names, values, self.history[-1].values["alpha"])
+        message = "" if fit.converged else "Not converged: raise iterations or spp."
+        return (
+            dict(zip(names, values, strict=True)),
+            dict(zip(names, errors, strict=True)),
+            message,
+        )
+
+    # --- gradient ---
+
+    def descent(
+        self, start: Array, alpha: float, roughness: str, spp: int, iterations: int, step: float
+    ) -> Recovered:
+        names = self.images.names
+        free = roughness == "unknown"
+        found: Descent = descend(
+            self.images, self.observed, start, alpha, spp=spp, seed=self.seed_for(1),
+            roughness=free, iterations=iterations, step=step,
+            record=lambda x, a: self._record(names, x, a),
+        )  # fmt: skip
+        x, alpha = found.values, found.alpha
+        halves: list[list[Array]] = [[], [], []]
+        steps = np.array([_DIFFERENCES.get(name, 0.01) for name in names])
+        inward = _inward(names, x, steps)
+        for h in (0, 1):
+            own = derived_seed(self.seed_for(2), h)
+            halves[0].append(self.images.render(x, alpha, spp, own))
+            halves[1].append(self.images.derivative(inward, alpha, spp, own, steps))
+            if free:
+                halves[2].append(self.images.roughness_derivative(x, alpha, spp, own))
+        seen, columns = np.stack(halves[0]), np.stack(halves[1])
+        visible = np.any(columns != 0.0, axis=(0, 2, 3))
+        self.observed.weigh(seen[0] - seen[1], self.observed.values - seen.mean(axis=0))
+        newton, errors, alpha_error = self._local(seen, columns, halves[2], visible, x)
+        far = np.any(np.abs(newton) > 4.0 * errors + 0.02)
+        errors = np.hypot(errors, newton)  # what the descent left undone is unknown too
+        message = ""
+        if not found.converged:
+            message = "Not converged: raise iterations, or start elsewhere."
+        elif far:
+            message = (
+                "Stuck: Newton's step is far longer than the standard errors. Start elsewhere."
+            )
+        return self._finish(
+            "gradient", dict(zip(names, x, strict=True)), dict(zip(names, errors, strict=True)),
+            alpha, alpha_error, seen, visible, found.iterations, found.converged and not far,
+            message, np.zeros(3, bool),
+        )  # fmt: skip
+
+    def _local(
+        self, seen: Array, columns: Array, shared: list[Array], visible: Array, x: Array
+    ) -> tuple[Array, Array, float]:
+        """Newton's step from `x` (n, 3), standard errors, and that of alpha."""
+        n = len(x)
+        zero = np.zeros((n, 3))
+        if shared:
+            joint = solve_jointly(
+                columns, seen, np.stack(shared), self.observed, visible, np.zeros(3 * n + 1)
+            )
+            errors = joint.standard_errors
+            step = joint.x[:-1].reshape(3, n).T
+            return step, errors[:-1].reshape(3, n).T, float(errors[-1])
+        weight = np.where(visible[:, None], self.observed.weight, 0.0)
+        solutions: list[Solution] = [
+            least_squares(
+                columns[:, :, i], seen[:, :, i], self.observed.values[:, i], weight[:, i],
+                zero[:, i],
+            )
+            for i in range(3)
+        ]  # fmt: skip
+        step = np.stack([s.x for s in solutions], axis=1)
+        return step, np.stack([s.standard_errors for s in solutions], axis=1), 0.0
+
+    # --- both ---
+
+    def seed_for(self, purpose: int) -> int:
+        return derived_seed(self.seed, 77, purpose)
+
+    def _finish(
+        self, route: str, values: dict[str, Any], errors: dict[str, Any], alpha: float,
+        alpha_error: float, predicted: Array, visible: Array, iterations: int, converged: bool,
+        message: str, constrained: NDArray[np.bool_],
+    ) -> Recovered:  # fmt: skip
+        residual = (self.observed.values - predicted.mean(axis=0))[visible]
+        size = float(self.observed.values[visible].mean())
+        expected = 1.0 / self.observed.weight[visible]
+        if self.observed.known_noise is None:
+            expected = expected * np.median(residual**2 / expected) / 0.455
+        identified = {
+            name: np.asarray(errors[name]) < PRIOR_DEVIATION * _width(name) for name in errors
+        }
+        samples = self.images.samples + sum(other.samples for other in self.others)
+        return Recovered(
+            self.kind,
+            route,
+            values | {"alpha": alpha},
+            errors | {"alpha": alpha_error},
+            identified | {"alpha": bool(alpha_error < PRIOR_DEVIATION)},
+            _coefficients(values, self.basis),
+            alpha,
+            float(np.sqrt(np.mean(residual**2))) / size,
+            float(np.sqrt(np.mean(expected))) / size,
+            iterations,
+            samples,
+            time.perf_counter() - self.begun,
+            converged,
+            message,
+            constrained,
+            self.fresnel,
+            self.basis,
+            self.distribution,
+            tuple(self.history),
+        )
+
+
+_SPAN = (0.02, 0.9)  # of roughness, in the search
+
+
+def _width(name: str) -> float:
+    """How far a parameter may reasonably range."""
+    return {"eta": 5.0, "k": 8.0}.get(name, 1.0)
+
+
+def _inward(names: Sequence[str], x: Array, steps: Array) -> Array:
+    """The point next to `x` whose neighbours at `steps` are in range."""
+    moved = x.copy()
+    for i, name in enumerate(names):
+        low, high = RANGES.get(name, (-np.inf, np.inf))
+        moved[i] = np.clip(x[i], low + 1.001 * steps[i], high - 1.001 * steps[i])
+    return moved

@@ -1,0 +1,373 @@
+"""Inverse rendering: known answers, honest errors, gradients against finite differences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from fresnel_decomp import InputError, conductor, load_basis
+from fresnel_decomp.mitsuba import register
+from fresnel_decomp.mitsuba.comparison import render_scene
+from fresnel_decomp.mitsuba.environment import Environment
+from fresnel_decomp.mitsuba.inverse import NonFiniteGradientError, recover
+from fresnel_decomp.mitsuba.inverse_gradient import loss_and_gradient
+from fresnel_decomp.mitsuba.inverse_images import Images, observe
+from fresnel_decomp.mitsuba.inverse_texture import recover_texture
+from fresnel_decomp.mitsuba.scenes import lit_object, studio, studio_lights
+
+LLVM_RGB = pytest.mark.parametrize("variant", ["llvm_ad_rgb"], indirect=True)
+GOLD = (np.array([0.184, 0.457, 1.372]), np.array([3.066, 2.408, 1.825]))
+COSINES = np.linspace(0.0, 1.0, 181)
+
+
+@pytest.fixture(autouse=True)
+def _registered(variant: str) -> None:
+    mi.set_log_level(mi.LogLevel.Error)
+    register()
+
+
+def colour(value: Any) -> dict[str, Any]:
+    return {"type": "rgb", "value": np.broadcast_to(value, 3).tolist()}
+
+
+def sphere(view: int, size: int) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    light = Environment(np.asarray(studio_lights(128))).turned(26 * view)
+    return lambda bsdf: lit_object(bsdf, light.emitter(), size)
+
+
+def photographs(
+    setups: Any, spp: int, alpha: float = 0.1, seed: int = 1000, metal: Any = GOLD
+) -> list[np.ndarray]:
+    """By Mitsuba's own exact conductor, with random numbers that `recover` does not use."""
+    bsdf = {"type": "roughconductor", "eta": colour(metal[0]), "k": colour(metal[1])}
+    bsdf |= {"alpha": alpha, "distribution": "ggx"}
+    return [
+        render_scene(mi.load_dict(setup(dict(bsdf))), spp, seed + i)
+        for i, setup in enumerate(setups)
+    ]
+
+
+def curve_error(result: Any, metal: Any = GOLD) -> float:
+    exact = conductor(COSINES[:, None], *metal)
+    return float(np.abs(result.reflectance(COSINES) - exact).max())
+
+
+# --- known answers -------------------------------------------------------------------------------
+
+
+@LLVM_RGB
+def test_linear_solve(variant: str) -> None:
+    setups = [sphere(i, 24) for i in range(2)]
+    images = photographs(setups, 64)
+    nodes = recover(images, setups, spp=64)
+    assert nodes.converged
+    assert nodes.iterations == 1
+    cosines = np.cos([0.0, *nodes.basis.nodes])[:, None]
+    truth = conductor(cosines, *GOLD)
+    for i, name in enumerate(("f0", "f1", "f2")):
+        error = np.abs(nodes.values[name] - truth[i])
+        assert np.all(error < 4.5 * nodes.standard_errors[name] + 5e-4), name
+        assert np.all(nodes.identified[name])
+    # 1/18 of the pixels and half the samples of the study: F(83°) is known to about .02 here
+    assert curve_error(nodes) < 0.06
+    index = recover(images, setups, "indices", spp=36)
+    for name, value in zip(("eta", "k"), GOLD, strict=True):
+        error = np.abs(index.values[name] - value)
+        assert np.all(error < 4.5 * index.standard_errors[name] + 1e-3), name
+    again = render_scene(mi.load_dict(setups[0](index.bsdf())), 64, 1000)
+    assert np.sqrt(np.mean((again - images[0]) ** 2)) < 0.02 * images[0].mean()
+
+
+@pytest.mark.slow
+@LLVM_RGB
+def test_curves_of_five_renders(variant: str) -> None:
+    """The bound of the study: .01 on five images of 64 x 64 pixels with 64 samples."""
+    setups = [sphere(i, 64) for i in range(5)]
+    images = photographs(setups, 64)
+    for kind in ("nodes", "indices"):
+        assert curve_error(recover(images, setups, kind)) < 0.01, kind
+
+
+@LLVM_RGB
+def test_same_seed_same_result(variant: str) -> None:
+    setup = sphere(0, 16)
+    images = photographs([setup], 16)
+    first, second, other = (recover(images, setup, spp=16, seed=s).values for s in (3, 3, 4))
+    assert all(np.array_equal(first[name], second[name]) for name in first)
+    assert not np.array_equal(first["f0"], other["f0"])
+
+
+@pytest.mark.slow
+@LLVM_RGB
+def test_interreflection_is_seen_and_iterated(variant: str) -> None:
+    """Light between sphere and plinth meets the sphere twice: images of second order."""
+
+    def setup(bsdf: dict[str, Any]) -> dict[str, Any]:
+        scene = studio(bsdf, 24, max_depth=5)
+        scene["mirror"] = {  # much of it
+            "type": "sphere", "center": [1.7, 1.0, 0.9], "radius": 0.7,
+            "bsdf": {"type": "conductor", "material": "none"},
+        }  # fmt: skip
+        return scene
+
+    images = photographs([setup], 64, alpha=0.2)
+    direct = recover(images, setup, alpha=0.2, spp=32, iterations=1)
+    assert not direct.converged
+    assert "iterations" in direct.message
+    result = recover(images, setup, alpha=0.2, spp=32)
+    assert result.converged
+    assert 2 <= result.iterations <= 6
+    truth = conductor(1.0, *GOLD)
+    error = np.abs(result.values["f0"] - truth)
+    assert np.all(error < 4.5 * result.standard_errors["f0"] + 1e-3)
+
+
+@LLVM_RGB
+def test_what_images_do_not_show_is_said(variant: str) -> None:
+    """A plane seen from above shows no grazing angle."""
+
+    def setup(bsdf: dict[str, Any]) -> dict[str, Any]:
+        scene = lit_object(bsdf, {"type": "constant"}, 8)
+        scene["sensor"]["to_world"] = mi.ScalarTransform4f().look_at(
+            [0, 0, 9], [0, 0, 0], [0, 1, 0]
+        )
+        scene["object"] = {"type": "rectangle", "bsdf": bsdf}
+        return scene
+
+    result = recover(photographs([setup], 16, 0.05), setup, alpha=0.05, spp=16)
+    assert np.all(result.identified["f0"])
+    assert not np.any(result.identified["f1"])
+    assert np.all((result.coefficients @ load_basis()(COSINES).T) < 1.051)  # but bounded
+
+
+@pytest.mark.slow
+@LLVM_RGB
+@pytest.mark.parametrize("start", [0.05, 0.6])
+def test_hybrid_finds_roughness(start: float, variant: str) -> None:
+    setups = [sphere(i, 32) for i in range(2)]
+    images = photographs(setups, 64, alpha=0.2)
+    options: dict[str, Any] = {"route": "hybrid", "alpha": start, "roughness": "unknown"}
+    result = recover(images, setups, "indices", spp=64, **options)
+    assert result.converged
+    assert abs(result.alpha - 0.2) < 5.0 * result.standard_errors["alpha"] + 1e-3
+    assert curve_error(result) < 0.02
+
+
+@pytest.mark.slow
+@LLVM_RGB
+def test_gradient_descent(variant: str) -> None:
+    """From a good start it arrives; the exact indices, from a bad one, do not, and say so."""
+    setup = sphere(0, 24)
+    images = photographs([setup], 64)
+    good = recover(images, setup, route="gradient", start={"f0": 0.7}, spp=16, step=2.0)
+    linear = recover(images, setup, spp=64)
+    for name in ("f0", "f1", "f2"):
+        spread = np.hypot(good.standard_errors[name], linear.standard_errors[name])
+        assert np.all(np.abs(good.values[name] - linear.values[name]) < 5.0 * spread + 0.02), name
+    stuck = recover(
+        images, setup, "indices", route="gradient", fresnel="exact", spp=16, iterations=100,
+        start={"eta": 4.0, "k": 0.3},
+    )  # fmt: skip
+    assert curve_error(stuck) > 0.05
+    assert stuck.residual > 1.2 * linear.residual
+
+
+@pytest.mark.slow
+@LLVM_RGB
+def test_two_metals(variant: str) -> None:
+    mask = np.indices((4, 8)).sum(axis=0) % 2
+    metals = (GOLD, (np.array([1.36, 0.88, 0.66]), np.array([7.59, 6.47, 5.65])))
+
+    def bitmap(which: int) -> dict[str, Any]:
+        texels = np.where(mask[..., None] == 0, metals[0][which], metals[1][which])
+        data = mi.TensorXf(texels.astype(np.float32))
+        return {"type": "bitmap", "raw": True, "filter_type": "nearest", "data": data}
+
+    def turned(view: int) -> Any:
+        make = sphere(view, 40)
+
+        def setup(bsdf: dict[str, Any]) -> dict[str, Any]:
+            scene = make(bsdf)
+            about = mi.ScalarTransform4f().rotate([1, 0, 0], -90).rotate([0, 0, 1], 120 * view)
+            scene["object"]["to_world"] = about
+            return scene
+
+        return setup
+
+    setups = [turned(i) for i in range(3)]
+    bsdf = {"type": "roughconductor", "alpha": 0.1, "distribution": "ggx"}
+    images = [
+        render_scene(mi.load_dict(s({**bsdf, "eta": bitmap(0), "k": bitmap(1)})), 64, 500 + i)
+        for i, s in enumerate(setups)
+    ]
+    truth = np.stack([conductor(1.0, *metal) for metal in metals])[mask]
+    result = recover_texture(images, setups, mask.shape, alpha=0.1, spp=64)
+    error = np.abs(result.nodes[..., 0] - truth)
+    # small images, in which texels share most pixels: errors are as large as they say
+    assert result.identified.mean() > 0.5
+    assert np.median(error[result.identified]) < 0.02
+    assert np.median(error / result.standard_errors[..., 0]) < 1.5
+    known = recover_texture(images, setups, mask.shape, alpha=0.1, regions=mask, spp=64)
+    assert np.abs(known.nodes[..., 0] - truth).max() < 0.01
+
+
+# --- gradients -----------------------------------------------------------------------------------
+
+
+class SplitRoughness:
+    """A conductor that samples with one roughness and reflects with another: detached sampling."""
+
+    @staticmethod
+    def register() -> None:
+        def init(self: Any, props: Any) -> None:
+            mi.BSDF.__init__(self, props)
+            common = {name: props[name] for name in ("eta", "k")}
+            self.reflecting, self.sampling = (
+                mi.load_dict({"type": "decomposed_conductor", "distribution": "ggx", **common,
+                              "fresnel": "exact", "alpha": float(props[name])})
+                for name in ("alpha", "alpha_sampled")
+            )  # fmt: skip
+            self.m_flags = self.sampling.flags()
+            self.m_components = [self.m_flags]
+
+        def sample(self: Any, ctx: Any, si: Any, one: Any, two: Any, active: Any = True) -> Any:
+            bs, _ = self.sampling.sample(ctx, si, one, two, active)
+            value = self.reflecting.eval(ctx, si, bs.wo, active)
+            return bs, dr.select(bs.pdf > 0.0, value / bs.pdf, 0.0)
+
+        def evaluate(self: Any, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+            return self.reflecting.eval(ctx, si, wo, active)
+
+        def pdf(self: Any, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+            return self.sampling.pdf(ctx, si, wo, active)
+
+        def eval_pdf(self: Any, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+            return evaluate(self, ctx, si, wo, active), pdf(self, ctx, si, wo, active)
+
+        body = {"__init__": init, "sample": sample, "eval": evaluate, "pdf": pdf}
+        body |= {"eval_pdf": eval_pdf, "traverse": lambda self, cb: None}
+        mi.register_bsdf("split_roughness", type("SplitRoughness", (mi.BSDF,), body))
+
+
+@LLVM_RGB
+@pytest.mark.parametrize(
+    ("kind", "fresnel", "values"),
+    [
+        ("nodes", "decomposition", [0.6, 0.7, 0.65]),
+        ("coefficients", "decomposition", [0.6, 0.4, 0.02, 0.01]),
+        ("indices", "decomposition", [1.2, 2.5]),
+        ("indices", "exact", [1.2, 2.5]),
+        ("gulbrandsen", "decomposition", [0.6, 0.5]),
+    ],
+)
+def test_gradients_are_differences(
+    kind: str, fresnel: str, values: list[float], variant: str
+) -> None:
+    """The same samples for images, their derivatives, and the differences: to 1e-3."""
+    setup = sphere(0, 16)
+    made = Images([setup], kind, load_basis(), fresnel=fresnel)
+    observed = observe(photographs([setup], 16), made.sizes, None)
+    x = np.repeat(np.array(values)[:, None], 3, axis=1)
+    options: dict[str, Any] = {"spp": 16, "seed": 5, "shared_samples": True}
+    _, gradient = loss_and_gradient(made, observed, x, 0.2, **options)
+    direction = np.random.default_rng(1).uniform(0.5, 1.0, x.shape)
+    h = 4e-3
+
+    def loss(t: float) -> float:
+        return loss_and_gradient(made, observed, x + t * direction, 0.2, **options)[0]
+
+    difference = (loss(h) - loss(-h)) / (2.0 * h)
+    total = sum(float(gradient[name] @ d) for name, d in zip(made.names, direction, strict=True))
+    assert total == pytest.approx(difference, rel=1e-3)
+
+
+@LLVM_RGB
+def test_roughness_gradient_is_that_of_fixed_samples(variant: str) -> None:
+    """`prb` holds samples fixed while roughness changes; so must the differences. To 1e-3.
+
+    Differences whose samples move with roughness estimate the same derivative with other noise.
+    """
+    SplitRoughness.register()
+    light = Environment(np.asarray(studio_lights(128))).emitter()
+    prb = mi.load_dict({"type": "prb", "max_depth": 2, "rr_depth": 3})
+
+    def render(bsdf: dict[str, Any]) -> float:
+        scene = mi.load_dict(lit_object(bsdf, light, 16))
+        return float(
+            np.mean(np.array(mi.render(scene, integrator=prb, spp=16, seed=1)), dtype=float)
+        )
+
+    metal = {"eta": 1.2, "k": 2.5}
+    h = 3e-3
+    up, down = (
+        render({"type": "split_roughness", **metal, "alpha": 0.3 + s, "alpha_sampled": 0.3})
+        for s in (h, -h)
+    )
+    bsdf = {"type": "decomposed_conductor", "fresnel": "exact", "distribution": "ggx", **metal}
+    scene = mi.load_dict(lit_object({**bsdf, "alpha": 0.3}, light, 16))
+    params = mi.traverse(scene)
+    key = next(name for name in params.keys() if name.endswith("alpha.value"))  # noqa: SIM118
+    dr.enable_grad(params[key])
+    params.update()
+    image = mi.render(scene, params, integrator=prb, spp=16, seed=2, seed_grad=1)
+    dr.backward(dr.mean(image, axis=None))
+    assert float(dr.grad(params[key])[0]) == pytest.approx((up - down) / (2.0 * h), rel=1e-3)
+
+
+@LLVM_RGB
+@pytest.mark.parametrize(("kind", "name"), [("nodes", "f0"), ("gulbrandsen", "r")])
+def test_gradient_that_is_not_finite_names_its_parameter(
+    kind: str, name: str, variant: str
+) -> None:
+    """Light so strong that a squared error leaves float32."""
+    light = {"type": "constant", "radiance": {"type": "uniform", "value": 1e30}}
+    with pytest.raises(NonFiniteGradientError, match=f"image 0 by '{name}' is"):
+        recover(
+            np.ones((8, 8, 3)), lambda bsdf: lit_object(bsdf, light, 8), kind, route="gradient",
+            spp=4, iterations=2,
+        )  # fmt: skip
+
+
+# --- bad input -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb"], indirect=True)
+def test_bad_input(variant: str) -> None:
+    setup = sphere(0, 4)
+    image = np.ones((4, 4, 3))
+
+    def refused(words: str, *args: Any, **options: Any) -> None:
+        with pytest.raises(InputError, match=words):
+            recover(*(args or (image, setup)), **options)
+
+    refused("is unknown", route="magic")
+    refused("is unknown", parameters="colours")
+    refused("not linear in roughness", roughness="unknown")
+    refused("do not determine an index", fresnel="exact")
+    refused("alpha=0", alpha=0.0)
+    refused("spp=1", spp=1)
+    refused("shape", np.ones((4, 5, 3)), setup)
+    refused("2 images and 1 scenes", [image, image], setup)
+    refused("not finite", np.full((4, 4, 3), np.nan), setup)
+    refused("noise", noise=-1.0)
+    refused("in 0 places", image, lambda bsdf: setup({"type": "diffuse"}))
+    refused("gradient descent in scalar_rgb", route="gradient", spp=4)
+    refused("start r=2", parameters="gulbrandsen", start={"r": 2.0})
+    refused("low < high", bounds=(1.0, 0.0))
+
+    def unlimited(bsdf: dict[str, Any]) -> dict[str, Any]:
+        return {**setup(bsdf), "integrator": {"type": "path"}}
+
+    refused("max_depth -1", image, unlimited)
+    with pytest.raises(InputError, match="max_depth 3"):
+        recover_texture(
+            image, lambda b: {**setup(b), "integrator": {"type": "path", "max_depth": 3}}, (2, 2),
+            alpha=0.1,
+        )  # fmt: skip
+    with pytest.raises(InputError, match="regions of shape"):
+        recover_texture(image, setup, (2, 2), alpha=0.1, regions=np.zeros((3, 3), int))
