@@ -244,3 +244,14 @@ def test_a_grid_spans_what_is_asked_for():
     one = AnisotropicGrid.bake(white, (0.3, 0.3), (0.3, 0.3)).losses.mean()
     isotropic = 1.0 - average_albedo(lambda c: 1.0 + 0.0 * c, 0.3)
     assert one == pytest.approx(isotropic, abs=1e-3)
+
+
+def test_no_single_roughness_will_do():
+    mu, azimuth = (grid.ravel() for grid in np.meshgrid([0.05, 0.2, 0.5, 1.0], [0.0, 0.8, 1.57]))
+    sine = np.sqrt(1.0 - mu * mu)
+    towards = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), mu], axis=-1)
+    n = len(mu)
+    found = anisotropic_albedo(white, towards, np.full(n, 0.15), np.full(n, 0.4))[:, 0]
+    alpha = np.linspace(0.15, 0.4, 26)[:, None]
+    single = directional_albedo(lambda c: 1.0 + 0.0 * c, mu, alpha)
+    assert np.abs(single - found).max(axis=1).min() > 0.03

@@ -1,8 +1,8 @@
 """Albedos of surfaces whose roughness differs along the two tangents.
 
 They depend on the azimuth of the view and on two roughnesses, which no table of two dimensions
-holds: with the best single roughness in place of the two, albedos are off by .05 for (.15, .4) and
-by .2 for (.1, 1). `AnisotropicGrid` has all four dimensions, but only over the range that a surface
+holds: whatever single roughness stands in for (.15, .4), some albedo is off by more than .03.
+`AnisotropicGrid` has all four dimensions, but only over the range that a surface
 needs. Sums run over visible normals, the same quasi-random ones everywhere.
 """
 
