@@ -3,7 +3,8 @@
 Two ratios per Fresnel term: kernel time of the BSDF alone (`eval` on random directions), and of a
 whole path-traced picture with several bounces between conductors. Runs of all plugins are
 interleaved, so that a busy machine slows them alike; each ratio is the median over rounds of
-(plugin / built-in of the same round), its spread half the distance between quartiles.
+(plugin / built-in of the same round), its spread half the distance between quartiles. The last two
+are the decomposition with energy compensation.
 
     python scripts/bench_plugin.py --variant llvm_ad_rgb --out bench.json
 """
@@ -24,6 +25,14 @@ PLUGINS = {
     **{
         fresnel: {"type": "decomposed_conductor", "fresnel": fresnel}
         for fresnel in ("exact", "schlick", "f82", "decomposition")
+    },
+    **{
+        kind: {
+            "type": "decomposed_conductor",
+            "energy_compensation": True,
+            "compensation": kind,
+        }
+        for kind in ("lobe", "scaling")
     },
 }
 TARGETS = {"decomposition": {"eval": 0.85, "render": 1.03}}

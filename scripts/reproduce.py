@@ -15,6 +15,7 @@ from pathlib import Path
 import click
 
 import area_light_study
+import energy_study
 import fig01a_basis
 import fig01b_beryllium
 import fig01c_roughness
@@ -54,6 +55,7 @@ FIGURES = {
         table_study,
         principled_study,
         area_light_study,
+        energy_study,
     )
 }
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from . import converters as converters
     from . import curves as curves
     from . import doctor as doctor
+    from . import energy as energy
     from . import extraction as extraction
     from . import fresnel as fresnel
     from . import images as images
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from . import models as models
     from . import notebook as notebook
     from . import parametrization as parametrization
+    from . import random_walk as random_walk
     from . import representations as representations
     from . import spectra as spectra
     from . import table as table
@@ -43,6 +45,7 @@ if TYPE_CHECKING:
     from .colour import delta_e_2000, gamut_excess, linear_to_srgb, rgb_weights
     from .converters import Converted, Loss, convert
     from .curves import CurveSet
+    from .energy import EnergyTable
     from .extraction import RECIPES
     from .fresnel import (
         conductor,
@@ -74,6 +77,7 @@ _HOMES = {
     "colour": ["delta_e_2000", "gamut_excess", "linear_to_srgb", "rgb_weights"],
     "converters": ["Converted", "Loss", "convert"],
     "curves": ["CurveSet"],
+    "energy": ["EnergyTable"],
     "extraction": ["RECIPES"],
     "fresnel": [
         "conductor",
@@ -104,7 +108,10 @@ _HOMES = {
     "table": ["AlbedoTable"],
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
-_SUBMODULES = {"doctor", "images", "microfacet", "mitsuba", "notebook", *_HOMES} - {"_check"}
+_SUBMODULES = {
+    *("doctor", "images", "microfacet", "mitsuba", "notebook", "random_walk"),
+    *_HOMES,
+} - {"_check"}
 
 __all__ = [
     "F82",
@@ -119,6 +126,7 @@ __all__ = [
     "Curve",
     "CurveSet",
     "Decomposition",
+    "EnergyTable",
     "Exact",
     "FitError",
     "Gulbrandsen",

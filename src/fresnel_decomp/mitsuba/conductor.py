@@ -21,11 +21,13 @@ from .._data_sets import data_set_files, find_data_set
 from ..basis import Basis, load_basis
 from ..colour import WAVELENGTH_NM, luminance_weights, rgb_weights
 from ..fresnel import conductor
+from ..microfacet import SMITH
 from ..parametrization import F82_COSINE
 from ..spectra import Material as Spectrum
 from ..spectra import load_material
+from .compensation import chosen_compensation
 from .fresnel_terms import F82, Decomposition, Exact, Material, Schlick, parameter_set
-from .microfacet_lobe import derived, mueller, raised, weight_and_density
+from .microfacet_lobe import correlated, derived, mueller, raised, weight_and_density
 from .ranges import check_range, recording
 from .tabulation import children, direct, tabulate
 
@@ -73,6 +75,14 @@ class DecomposedConductor:
         Distribution of microfacet normals (default "beckmann", as for `roughconductor`).
     alpha, or alpha_u and alpha_v : float or texture > 0
         Roughness, along both or each of the tangents (default 0.1).
+    smith : {"separable", "correlated"}
+        Shadowing (default "separable", as in `roughconductor`).
+    energy_compensation : bool
+        Put back what single scattering loses (default false), with a table and the formulas of
+        `energy`. See there and `compensation`.
+    compensation : {"lobe", "scaling"}
+        With `energy_compensation`: by a second, diffuse lobe, symmetric in the directions
+        (default), or by scaling the first one, as real-time shading does.
     sample_visible : bool
         Sample visible normals only (default true).
     specular_reflectance : float, spectrum or texture
@@ -109,10 +119,12 @@ class DecomposedConductor:
         types = mi.MicrofacetType
         self.distribution = types.GGX if distribution == "ggx" else types.Beckmann
         self.sample_visible = bool(props.get("sample_visible", True))
+        self.smith = choose("smith", str(props.get("smith", "separable")), SMITH)
         factor = "specular_reflectance"
         self.specular_reflectance = props.get_texture(factor) if factor in props else None
         self._set_roughness(props)
         self._set_material(props, fresnel)
+        self.compensation = chosen_compensation(props, self)
         self._check_shaping()
 
     def _set_roughness(self, props: Any) -> None:
@@ -224,6 +236,7 @@ class DecomposedConductor:
             check_range("alpha_v", self.alpha_v)
         if self.specular_reflectance is not None:
             check_range("specular_reflectance", self.specular_reflectance)
+        self.compensation.update(self)
 
     def traverse(self, cb: Any) -> None:
         smooth = mi.ParamFlags.Differentiable
@@ -273,6 +286,8 @@ class DecomposedConductor:
         active &= mi.Frame3f.cos_theta(si.wi) > 0.0
         if not ctx.is_enabled(mi.BSDFFlags.GlossyReflection) or active is False:
             return bs, dr.zeros(mi.Spectrum)
+        if self.compensation.has_lobe:
+            return self.compensation.sample(self, ctx, si, sample1, sample2, active)
         wi = raised(si.wi)
         cos_i = mi.Frame3f.cos_theta(wi)
         distr = self._microfacets(si, active)
@@ -286,11 +301,20 @@ class DecomposedConductor:
         bs.wo = dr.select(active, wo, mi.Vector3f(0.0))
         if self.sample_visible:
             weight = distr.smith_g1(wo, m)
+            if self.smith == "correlated":
+                weight = correlated(1.0, distr.smith_g1(wi, m), weight)
         else:
-            weight = distr.G(wi, wo, m) * dr.dot(wi, m)
+            weight = self._shadowing(distr, wi, wo, m) * dr.dot(wi, m)
             weight /= cos_i * mi.Frame3f.cos_theta(m)
         bs.pdf = dr.select(active, pdf / (4.0 * dr.dot(wo, m)), 0.0)
-        return bs, self._reflect(ctx, si, wi, wo, m, weight, active)
+        value = self._reflect(ctx, si, wi, wo, m, weight, active)
+        return bs, self.compensation.complete(self, si, wi, wo, value, active)
+
+    def _shadowing(self, distr: Any, wi: Any, wo: Any, m: Any) -> Any:
+        if self.smith == "separable":
+            return distr.G(wi, wo, m)
+        g_i, g_o = distr.smith_g1(wi, m), distr.smith_g1(wo, m)
+        return correlated(g_i, g_i, g_o)
 
     def _both_sides(self, ctx: Any, si: Any, wo: Any, active: Any) -> tuple[Any, Any, Any, Any]:
         """Both directions, half vector, and where they agree on the side of the surface."""
@@ -303,34 +327,47 @@ class DecomposedConductor:
         wi, wo, m, active = self._both_sides(ctx, si, wo, active)
         if active is False:
             return dr.zeros(mi.Spectrum)
-        distr = self._microfacets(si, active)
+        distr, both = self._microfacets(si, active), active
         d = distr.eval(m)
-        active &= d != 0.0
-        weight = d * distr.G(wi, wo, m) / (4.0 * mi.Frame3f.cos_theta(wi))
-        return self._reflect(ctx, si, wi, wo, m, weight, active)
+        active = active & (d != 0.0)  # not in place: it is `both` too
+        weight = d * self._shadowing(distr, wi, wo, m) / (4.0 * mi.Frame3f.cos_theta(wi))
+        value = self._reflect(ctx, si, wi, wo, m, weight, active)
+        return self.compensation.complete(self, si, wi, wo, value, both)
 
     def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
         wi, wo, m, active = self._both_sides(ctx, si, wo, active)
-        active &= (dr.dot(wi, m) > 0.0) & (dr.dot(wo, m) > 0.0)
+        both = active
+        active = active & (dr.dot(wi, m) > 0.0) & (dr.dot(wo, m) > 0.0)
         if active is False:
-            return mi.Float(0.0)
+            return self.compensation.mixed(self, si, wi, wo, mi.Float(0.0), both)
         distr = self._microfacets(si, active)
         if self.sample_visible:
             density = distr.eval(m) * distr.smith_g1(wi, m) / (4.0 * mi.Frame3f.cos_theta(wi))
         else:
             density = distr.pdf(wi, m) / (4.0 * dr.dot(wo, m))
-        return dr.select(active, density, 0.0)
+        density = dr.select(active, density, 0.0)
+        return self.compensation.mixed(self, si, wi, wo, density, both)
 
     def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> tuple[Any, Any]:
         wi, wo, m, active = self._both_sides(ctx, si, wo, active)
-        active &= (dr.dot(wi, m) > 0.0) & (dr.dot(wo, m) > 0.0)
+        return self.value_and_density(ctx, si, wi, wo, m, active)
+
+    def value_and_density(
+        self, ctx: Any, si: Any, wi: Any, wo: Any, m: Any, active: Any
+    ) -> tuple[Any, Any]:
+        """`eval_pdf` for a known half vector `m`."""
+        both = active
+        active = active & (dr.dot(wi, m) > 0.0) & (dr.dot(wo, m) > 0.0)
         if active is False:
-            return dr.zeros(mi.Spectrum), mi.Float(0.0)
+            value = self.compensation.complete(self, si, wi, wo, dr.zeros(mi.Spectrum), both)
+            return value, self.compensation.mixed(self, si, wi, wo, mi.Float(0.0), both)
         distr = self._microfacets(si, active)
-        d, weight, density = weight_and_density(distr, wi, wo, m, self.sample_visible)
+        d, weight, density = weight_and_density(distr, wi, wo, m, self.sample_visible, self.smith)
         active &= d != 0.0
         value = self._reflect(ctx, si, wi, wo, m, weight, active)
-        return value, dr.select(active, density, 0.0)
+        value = self.compensation.complete(self, si, wi, wo, value, both)
+        density = dr.select(active, density, 0.0)
+        return value, self.compensation.mixed(self, si, wi, wo, density, both)
 
     def to_string(self) -> str:
         name = "ggx" if self.distribution == mi.MicrofacetType.GGX else "beckmann"
@@ -338,6 +375,7 @@ class DecomposedConductor:
         if isinstance(self.term, Decomposition):
             items |= {"recipe": self.term.basis.recipe, "terms": self.term.basis.terms}
         items |= {"distribution": name, "sample_visible": self.sample_visible}
+        items |= {"smith": self.smith, "energy_compensation": self.compensation.name}
         items |= {"alpha_u": self.alpha_u, "alpha_v": self.alpha_v}
         if self.specular_reflectance is not None:
             items["specular_reflectance"] = self.specular_reflectance

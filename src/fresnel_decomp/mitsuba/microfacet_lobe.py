@@ -1,6 +1,7 @@
 """What the BSDF plugins share: the microfacet lobe but for its Fresnel term, and Mueller matrices.
 
-Directions are in the local frame; Smith's shadowing is uncorrelated, as Mitsuba has it.
+Directions are in the local frame; Smith's shadowing is uncorrelated, as Mitsuba has it, unless said
+otherwise.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-__all__ = ["derived", "mueller", "raised", "weight_and_density"]
+__all__ = ["correlated", "derived", "mueller", "raised", "weight_and_density"]
 
 _OWN_SLOTS = ("__dict__", "__weakref__")
 
@@ -26,7 +27,7 @@ def derived(methods: type) -> type:
 
 
 def weight_and_density(
-    distr: Any, wi: Any, wo: Any, m: Any, sample_visible: bool
+    distr: Any, wi: Any, wo: Any, m: Any, sample_visible: bool, smith: str = "separable"
 ) -> tuple[Any, Any, Any]:
     """D, what multiplies the Fresnel term (the cosine included), and the density of `wo`.
 
@@ -37,16 +38,25 @@ def weight_and_density(
         Directions, both `raised`, and the half vector.
     sample_visible : bool
         Whether `distr` samples visible normals only.
+    smith : {"separable", "correlated"}
     """
     cos_i = mi.Frame3f.cos_theta(wi)
     d = distr.eval(m)
-    g1_i = distr.smith_g1(wi, m)
-    weight = d * (g1_i * distr.smith_g1(wo, m)) / (4.0 * cos_i)
+    g1_i, g1_o = distr.smith_g1(wi, m), distr.smith_g1(wo, m)
+    g = g1_i * g1_o if smith == "separable" else correlated(g1_i, g1_i, g1_o)
+    weight = d * g / (4.0 * cos_i)
     if sample_visible:
         density = d * g1_i / (4.0 * cos_i)
     else:
         density = distr.pdf(wi, m) / (4.0 * dr.dot(wo, m))
     return d, weight, density
+
+
+def correlated(g: Any, g_i: Any, g_o: Any) -> Any:
+    """G2 of height-correlated Smith, times g / g_i, from the masking of both directions."""
+    total = g_i + g_o - g_i * g_o
+    some = total > 0.0
+    return dr.select(some, g * g_o / dr.select(some, total, 1.0), 0.0)
 
 
 def raised(direction: Any) -> Any:

@@ -11,7 +11,8 @@ R being v mirrored about n. `prefilter` makes L. Fbar is what the Fresnel term i
   With an `AlbedoTable` of four terms this is the decomposition;
 - `schlick_albedo`, `f82_albedo`: the same with the functions of Schlick's curve, F0 A + B, and one
   more for F82;
-- `integrated_albedo`: any curve integrated as it is, which is the reference of the three.
+- `compensated_albedo`: with the light that has bounced several times, from the same fetch;
+- `integrated_albedo`: any curve integrated as it is, which is the reference of the first two.
 
 `shade` is all there is at run time. It takes NumPy and Dr.Jit arrays and needs no renderer;
 `visible_surface` and `render_split_sum` take what is seen from a Mitsuba scene.
@@ -33,6 +34,7 @@ from .._array import drjit_module, is_drjit
 from .._check import choose, input_error, is_real, is_whole
 from .._schlick import bend_factor
 from ..albedo import directional_albedo
+from ..energy import EnergyTable, missing, scaling
 from ..microfacet import Smith
 from ..table import AlbedoTable
 from ..table_layout import Layout
@@ -46,6 +48,7 @@ __all__ = [
     "SplitAlbedo",
     "SplitMaterial",
     "VisibleSurface",
+    "compensated_albedo",
     "f82_albedo",
     "integrated_albedo",
     "render_split_sum",
@@ -228,6 +231,62 @@ def _three(name: str, value: ArrayLike) -> np.ndarray:
     raise input_error(
         given, "three finite numbers, or one", "Reflectances of linear red, green and blue."
     )
+
+
+@dataclass(frozen=True, eq=False)
+class CompensatedAlbedo:
+    """Directional albedo with multiple scattering; made by `compensated_albedo`."""
+
+    energy: EnergyTable
+    coefficients: Any
+
+    def __call__(self, mu: Any, alpha: Any) -> Any:
+        """(..., 3) float array, or a tuple of three Dr.Jit arrays; see `SplitAlbedo`."""
+        single = SplitAlbedo(self.energy.table, self.coefficients)
+        functions = single.table.lookup(mu, alpha)
+        plain = single(mu, alpha)
+        if not is_drjit(mu, alpha):
+            rows = np.asarray(self.coefficients, np.float64)
+            alphas = np.asarray(alpha)[..., None]
+            factor = self.energy.factor(rows, np.broadcast_to(alphas, (*alphas.shape[:-1], 3)))
+            return plain * scaling(functions[..., :1], factor).astype(plain.dtype)
+        kind = type(functions[0])
+        factors = (
+            self.energy.factor([of_kind(kind, c) for c in row], alpha) for row in self.coefficients
+        )
+        share = missing(functions[0]) / functions[0]
+        return tuple(f * (1.0 + k * share) for f, k in zip(plain, factors, strict=True))
+
+
+def compensated_albedo(energy: EnergyTable, coefficients: Any) -> CompensatedAlbedo:
+    """Albedo of a material, scaled by 1 + K (1 - E) / E: what `energy` puts back.
+
+    The plugin with `energy_compensation` has this albedo, with either kind of compensation. K is
+    the same for all pixels of a surface of one roughness and colour.
+
+    Parameters
+    ----------
+    energy : EnergyTable
+    coefficients : (3, terms) float, or three sequences of `terms` Dr.Jit arrays
+        As for `SplitAlbedo`.
+
+    Raises
+    ------
+    InputError
+        As `SplitAlbedo` does.
+
+    Examples
+    --------
+    >>> from fresnel_decomp import AlbedoTable, load_basis
+    >>> from fresnel_decomp.energy import EnergyTable
+    >>> basis = load_basis()
+    >>> energy = EnergyTable.of(AlbedoTable.bake(basis, size=16), basis)
+    >>> white = compensated_albedo(energy, [[1.0, 0.0, 0.0, 0.0]] * 3)
+    >>> white(0.5, 0.6).round(6).tolist()
+    [1.0, 1.0, 1.0]
+    """
+    SplitAlbedo(energy.table, coefficients)  # checks them
+    return CompensatedAlbedo(energy, coefficients)
 
 
 def integrated_albedo(

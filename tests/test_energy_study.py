@@ -1,0 +1,60 @@
+"""The energy study: its page is what it prints, and a run at thumbnail size."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from fresnel_decomp import doctor
+from test_figures import MODULES, SCRIPTS
+
+PAGE = SCRIPTS.parent / "docs" / "energy.md"
+
+
+@pytest.fixture
+def study(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    yield importlib.import_module("energy_study")
+    for name in (*MODULES, "energy_study"):
+        sys.modules.pop(name, None)
+
+
+def test_page_meets_the_bounds() -> None:
+    """Albedo within .03 up to alpha = .6 with correlated Smith; white furnace within 1 %."""
+    text = PAGE.read_text(encoding="utf-8")
+    table = text.partition("| correlated Smith")[2].partition("| separable Smith")[0]
+    row = re.search(r"^\| ours.*$", table, re.MULTILINE)
+    assert row is not None
+    cells = [float(cell) for cell in row[0].split("|")[2:-1]]
+    assert len(cells) == 8
+    assert max(cells[:-1]) < 0.03 < cells[-1]
+    furnace = re.findall(r"^\| (?:ggx|beckmann)[^|]*\|([^|]*)\|([^|]*)\|", text, re.MULTILINE)
+    assert len(furnace) == 4
+    assert all(float(after) < 0.01 < float(before) for before, after in furnace)
+
+
+@pytest.mark.slow
+def test_quick_study(study: Any, tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    if doctor.best_variant().startswith("scalar"):
+        pytest.skip("minutes in scalar variants")
+    main = sys.modules["_figure"].main
+    page = tmp_path / "page.md"
+    page.write_text("".join(study.MARKS), encoding="utf-8")
+    for expected in ("took", "was finished"):
+        with pytest.raises(SystemExit) as end:
+            main(study.study, ["--quick", "--out", str(tmp_path), "--page", str(page)])
+        assert end.value.code == 0
+        printed = capsys.readouterr().out
+        assert expected in printed
+    inside = page.read_text(encoding="utf-8").split(study.MARKS[0])[1].split(study.MARKS[1])[0]
+    assert inside.strip() in printed
+    # what does not depend on the number of paths is on the page of the full run too
+    furnace = [line for line in inside.splitlines() if line.startswith(("| ggx", "| beckmann"))]
+    assert len(furnace) == 4
+    full = PAGE.read_text(encoding="utf-8")
+    assert all(line in full for line in furnace)
