@@ -17,7 +17,7 @@ MODULES = (
     "_figure", "_page", "_renders", "fig01a_basis", "fig01b_beryllium", "fig01c_roughness",
     "fig02_edge_tint", "fig03_shader_balls", "fig04_linear_tint", "_split_sum",
     "split_sum_study", "reproduce",
-    "table_study", "principled_study", "inverse_study", "area_light_study",
+    "table_study", "principled_study", "inverse_study", "area_light_study", "energy_study",
 )  # fmt: skip
 RENDERED = ("fig01b_beryllium", "fig01c_roughness", "fig02_edge_tint", "fig03_shader_balls")
 
@@ -60,8 +60,11 @@ def test_list_names_every_script(reproduce: Any, capsys: pytest.CaptureFixture[s
     assert reproduce("--list") == 0
     listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
     figures = sorted(path.stem for path in SCRIPTS.glob("fig*.py"))
-    others = ("inverse_study", "split_sum_study", "table_study", "principled_study")
-    assert listed == [*figures, *others, "area_light_study"]
+    others = (
+        "inverse_study", "split_sum_study", "table_study", "principled_study", "area_light_study",
+        "energy_study",
+    )  # fmt: skip
+    assert listed == [*figures, *others]
 
 
 def test_only_takes_names_and_their_beginnings(
