@@ -198,6 +198,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             },
         )
         shipped.load_metal_edge.cache_clear()
+        shipped._weights_at.cache_clear()
     text = table(compare())
     edge = shipped.load_metal_edge()
     text += (

@@ -391,7 +391,7 @@ FURNACES += [
 @only(("distribution", "fresnel", "roughness"), FURNACES)
 @LLVM_RGB
 def test_white_furnace(distribution: str, fresnel: str, roughness: float, variant: str) -> None:
-    """A white base gives all light back, a metal at most what is not shadowed."""
+    """A white base gives all light back; half of it metal, and coloured, no more."""
     shape = {"distribution": distribution, "fresnel": fresnel, "roughness": roughness}
     for wi in ANGLES:
         white = albedo(principled(base_color=1.0, **shape), wi)
@@ -402,6 +402,31 @@ def test_white_furnace(distribution: str, fresnel: str, roughness: float, varian
         copper = albedo(principled(base_color=COPPER, metallic=0.5, **shape), wi)
         assert np.all(copper < mixed)
         assert np.all(copper > 0.0)
+
+
+@only("fresnel", ["decomposition", slow("exact"), slow("schlick"), slow("f82")])
+@LLVM_RGB
+def test_white_metal_gives_what_one_bounce_gives(fresnel: str, variant: str) -> None:
+    """No base is under a metal: of a white one, the albedo of F = 1 is left."""
+    edge = {"edge_tint": 1.0} if fresnel == "exact" else {"edge_color": 1.0}
+    plugin = principled(base_color=1.0, metallic=1.0, fresnel=fresnel, **edge)
+    for wi in ANGLES[:3]:
+        one = directional_albedo(lambda c: np.ones((*np.shape(c), 1)), wi[2], ROUGHNESS**2)
+        np.testing.assert_allclose(albedo(plugin, wi), float(one[..., 0]), atol=4e-3)
+
+
+@only("fresnel", ["decomposition", "f82"])
+@LLVM_RGB
+def test_weights_are_bounded_where_a_lobe_is_negative(fresnel: str, variant: str) -> None:
+    """Fits of a dielectric that is hardly there fall below 0; they are drawn often enough."""
+    plugin = principled(base_color=1.0, dielectric_f0=0.0, fresnel=fresnel, roughness=0.1)
+    rng, n = np.random.default_rng(6), 20_000
+    for cosine in (0.02, 0.1, 0.3, 0.7):
+        wi = (np.sqrt(1.0 - cosine**2), 0.0, cosine)
+        si = interactions(np.tile(wi, (n, 1)))[0]
+        u = rng.uniform(size=(3, n)).astype("f4")
+        _, weight = plugin.sample(mi.BSDFContext(), si, mi.Float(u[0]), mi.Point2f(u[1:]))
+        assert np.abs(as_array(weight, n)).max() < 12.0  # 900, where its albedo was clamped at 0
 
 
 @only("fresnel", ["decomposition", "exact", slow("schlick"), slow("f82")])
@@ -490,9 +515,15 @@ def test_every_parameter_may_be_a_texture(name: str, variant: str) -> None:
 @LLVM_RGB
 def test_colours_may_be_textures_of_any_kind(variant: str) -> None:
     board = {"type": "checkerboard", "color0": COPPER, "color1": 0.2}
+    plugin, (wi, wo) = principled(base_color=board, edge_color=board), directions(12)
+    for uv, colour in (((0.2, 0.2), COPPER), ((0.7, 0.2), 0.2)):
+        uniform = principled(base_color=colour, edge_color=colour)
+        where = {"uv": uv}
+        found, expected = (evaluate(p, wi, wo, **where) for p in (plugin, uniform))
+        np.testing.assert_allclose(found, expected, rtol=2e-5)
+    # only on a mesh can the other kind be looked up
     attribute = {"type": "mesh_attribute", "name": "vertex_color"}
-    for texture in (board, attribute):
-        principled(base_color=texture, edge_color=texture)
+    principled(base_color=attribute, edge_color=attribute)
 
 
 @BOTH_SPECTRAL

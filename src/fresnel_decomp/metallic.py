@@ -82,6 +82,12 @@ def load_metal_edge() -> MetalEdge:
     return MetalEdge(cos_theta, u, v, data["p"], data["q"])
 
 
+@functools.lru_cache(maxsize=64)  # kernels of scalar variants ask for the same few at every point
+def _weights_at(cos_theta: float) -> tuple[float, float]:
+    u, v = load_metal_edge().weights(cos_theta)
+    return float(u), float(v)
+
+
 def fit_metal_edge(cos_theta: Any, reflectance: Any) -> MetalEdge:
     """Fit u, v, p and q to curves by least squares at each cosine.
 
@@ -148,7 +154,7 @@ def metal_reflectance(base_color: Any, edge_color: Any, cos_theta: float) -> Any
     cos_theta : float in [0, 1]
     """
     base_color, edge_color = one_kind(base_color, edge_color)
-    u, v = (float(weight) for weight in load_metal_edge().weights(cos_theta))
+    u, v = _weights_at(float(cos_theta))
     return 1.0 - u * (1.0 - base_color) - v * (1.0 - edge_color)
 
 

@@ -39,6 +39,9 @@ DEFAULT_EDGE_TINT = 0.5
 _LEAST_ALBEDO = 1e-4
 """Of the lobe, when directions are chosen: it keeps a share of them."""
 
+_LEAST_SHARE = 0.02
+"""Of the diffuse base: what the lobe's albedo counts for at least, when directions are chosen."""
+
 
 class DecomposedPrincipled:
     """Base colour, metallic and roughness, with a choice of Fresnel term.
@@ -241,8 +244,10 @@ class DecomposedPrincipled:
             reflected = total(self.term.weights(*mixed), albedos)
         reflected_first = total(coating, albedos)
         specular, diffuse = _enabled(ctx)
-        lobe = dr.maximum(_mean(reflected), _LEAST_ALBEDO)
         body = _mean(base * dr.maximum(1.0 - reflected_first, 0.0)) * (1.0 - metallic)
+        # fits may be negative; a lobe that is there and hardly ever drawn would make fireflies
+        least = dr.fma(_LEAST_SHARE, body, _LEAST_ALBEDO)
+        lobe = dr.maximum(_mean(dr.abs(reflected)), least)
         chance = dr.select(body > 0.0, lobe / (lobe + body), 1.0)
         if not diffuse:
             chance = mi.Float(1.0)
