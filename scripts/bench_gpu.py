@@ -22,6 +22,7 @@ are kept in the results: interrupt the script when you like, the same command go
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import platform
@@ -36,6 +37,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
+import fresnel_decomp
 from _markdown import insert, markdown
 from _screen_pass import (
     FETCHES,
@@ -59,7 +61,8 @@ from fresnel_decomp.images import delta_e, display, nrmse
 from fresnel_decomp.machine import graphics_card, processor
 from fresnel_decomp.report import style
 
-OUT = Path(__file__).resolve().parents[1] / "out" / "bench_gpu"
+ROOT = Path(__file__).resolve().parents[1]
+OUT, DOCS = ROOT / "out" / "bench_gpu", ROOT / "docs"
 MARKS = {
     kind: (f"<!-- full-screen pass, {kind} -->\n", f"<!-- end of full-screen pass, {kind} -->\n")
     for kind in ("cuda", "llvm")
@@ -314,7 +317,9 @@ def verdicts(results: Mapping[str, Any]) -> str:
         if name == base_of(name):
             continue
         more, half = spread(differences(times[name], times[base_of(name)]))
-        word = "within" if more <= CLAIM_MS else "above"
+        word = "within" if more + half <= CLAIM_MS else "above"
+        if abs(more - CLAIM_MS) < half:
+            word = "too near to tell from"
         lines.append(f"- {name}: {more:+.4f} ± {half:.4f} ms, {word} {CLAIM_MS} ms")
     device = results["about"]["device"]
     other = "" if "2070" in device else f" This is another card, {device}."
@@ -343,9 +348,21 @@ def about(variant: str, repeat: int) -> dict[str, Any]:
         "platform": platform.platform(),
         "versions": found.versions | {"fresnel_decomp": __version__, "numpy": np.__version__},
         "repeat": repeat,
+        "sources": sources(),
         "metals": METALS,
         "date": datetime.date.today().isoformat(),
     }
+
+
+def sources() -> str:
+    """A hash of all code that the passes may run."""
+    package = Path(fresnel_decomp.__file__).parent
+    files = [
+        *sorted(package.rglob("*.py")),
+        Path(__file__),
+        Path(__file__).parent / "_screen_pass.py",
+    ]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
 
 
 # --- picture -------------------------------------------------------------------------------------
@@ -420,12 +437,13 @@ def draw(pictures: Mapping[str, np.ndarray], path: Path) -> None:
 # --- command line --------------------------------------------------------------------------------
 
 
-def resumed(path: Path, settings: Mapping[str, Any], device: str) -> Times:
-    """Finished rounds of the same settings on the same device."""
+def resumed(path: Path, settings: Mapping[str, Any], facts: Mapping[str, Any]) -> Times:
+    """Finished rounds of the same settings and code on the same device."""
     empty: Times = {name: [] for name in (*PASSES, *PARTS)}
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
-        if kept["settings"] == settings and kept["about"]["device"] == device:
+        same = ("device", "versions", "repeat", "sources")
+        if kept["settings"] == settings and all(kept["about"][k] == facts[k] for k in same):
             times = {name: [float(t) for t in kept["times"][name]] for name in empty}
             if len({len(values) for values in times.values()}) == 1:
                 return times
@@ -437,14 +455,14 @@ def resumed(path: Path, settings: Mapping[str, Any], device: str) -> Times:
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--variant", help="cuda_ad_rgb or llvm_ad_rgb.  [default: the first that works here]")
 @click.option("--rounds", default=31, show_default=True, type=click.IntRange(7))
-@click.option("--width", default=CLAIM[0], show_default=True, type=click.IntRange(16))
-@click.option("--height", default=CLAIM[1], show_default=True, type=click.IntRange(9))
+@click.option("--width", type=click.IntRange(16), help=f"[default: {CLAIM[0]}]")
+@click.option("--height", type=click.IntRange(9), help=f"[default: {CLAIM[1]}]")
 @click.option("--quick", is_flag=True, help="A tiny picture, to see that everything runs.")
 @click.option("--force", is_flag=True, help="Measure again what is finished.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    help="Folder for the results, VARIANT.json.  [default: out/bench_gpu]",
+    help="Folder for the results, VARIANT-SIZE.json.  [default: out/bench_gpu]",
 )
 @click.option(
     "--page",
@@ -455,8 +473,8 @@ def resumed(path: Path, settings: Mapping[str, Any], device: str) -> Times:
 def bench(
     variant: str | None,
     rounds: int,
-    width: int,
-    height: int,
+    width: int | None,
+    height: int | None,
     quick: bool,
     force: bool,
     out: Path | None,
@@ -471,18 +489,26 @@ def bench(
             "cuda_ad_rgb or llvm_ad_rgb",
             "Scalar variants have no kernels to time; `fresnel-decomp doctor --fix` gets an LLVM.",
         )
+    if quick and (width or height):
+        raise input_error(
+            "--quick with a size", "one of them", "The quick picture has 64 × 36 pixels."
+        )
+    if quick and page and page.resolve().is_relative_to(DOCS):
+        raise input_error(
+            f"--quick with --page {page}", "a page outside of docs/", "Leave out --quick."
+        )
     doctor.require_variant(variant)
     import mitsuba as mi
 
     mi.set_variant(variant)
     gpu = variant.startswith("cuda")
-    settings = Settings(variant, width, height)
+    settings = Settings(variant, width or CLAIM[0], height or CLAIM[1])
     if quick:
         settings = Settings(variant, **QUICK)
     repeat = 20 if gpu else 1
     facts = about(variant, repeat)
-    path = writable_folder(out or OUT) / f"{variant}.json"
-    times = resumed(path, asdict(settings), facts["device"])
+    path = writable_folder(out or OUT) / f"{variant}-{settings.width}x{settings.height}.json"
+    times = resumed(path, asdict(settings), facts)
     if force:
         times = {name: [] for name in times}
     kept = len(times[PASSES[0]])

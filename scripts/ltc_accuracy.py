@@ -75,7 +75,7 @@ def read_published(path: Path) -> list[np.ndarray]:
 
 
 def published_lobe(textures: list[np.ndarray], mu: float, roughness: float, w: tuple) -> np.ndarray:
-    """Albedo times density, not cut off at the horizon, as engines use it."""
+    """Albedo times density; cut off at the horizon, what lies below is not given back above."""
     x, y = 63.0 * roughness, 63.0 * np.sqrt(1.0 - mu)
     i, j = min(int(x), 62), min(int(y), 62)
     x, y = x - i, y - j

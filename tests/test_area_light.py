@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -186,6 +187,31 @@ def test_furnace(gold: AreaMaterial, shape, alpha: float, correction) -> None:
     np.testing.assert_allclose(found, gold.albedo(mu, alpha), rtol=2e-3)
 
 
+def test_black_surfaces_stay_black(gold: AreaMaterial) -> None:
+    """No channel of theirs is divided by what it reflects."""
+    black = AreaMaterial.from_table(AlbedoTable.bake(load_basis(), 4), np.zeros((3, 4)))
+    light = AreaLight("disk", [0, 0, 1], [0, 1, 0], [1, 0, 0])
+    for correction in CORRECTIONS:
+        found = shade_area_light(
+            light, load_lobes(), black, [0, 0, 0], [0, 0, 1], [0.6, 0, 0.8], 0.3, correction
+        )
+        np.testing.assert_array_equal(found, 0.0)
+
+
+def test_rows_are_points_in_lists_and_tuples() -> None:
+    """Three arrays in a tuple are x, y and z."""
+    rows = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.5), (0.0, 0.0, 0.2))
+    light = AreaLight("disk", [0, 0, 1], [0, 1, 0], [1, 0, 0])
+
+    def share(position: Any) -> Any:
+        return lit_share(light, load_lobes(), position, [0, 0, 1], [0.6, 0, 0.8], 0.3).share
+
+    expected = [share(row) for row in rows]
+    assert expected[1] > expected[0]
+    for given in (rows, list(rows), np.array(rows), tuple(np.array(rows).T)):
+        np.testing.assert_allclose(share(given), expected, rtol=1e-12)
+
+
 def test_sides(gold: AreaMaterial) -> None:
     """Nothing behind a light, from below a surface, or to a viewer below it."""
     up, view = [0.0, 0.0, 1.0], [0.6, 0.0, 0.8]
@@ -280,6 +306,8 @@ def test_input_that_is_refused(gold: AreaMaterial) -> None:
         AreaLight("sphere", [0, 0, 0], [1, 0, 0], [0, 1, 0])  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"centre: .*last axis"):
         AreaLight("disk", [0, 0], [1, 0, 0], [0, 1, 0])
+    with pytest.raises(InputError, match=r"radiance of shape \(3, 3\)"):
+        AreaLight("disk", [0, 0, 1], [0, 1, 0], [1, 0, 0], radiance=np.eye(3))
     light = AreaLight("disk", [0, 0, 1], [0, 1, 0], [1, 0, 0])
     place = [0, 0, 0], [0, 0, 1], [0, 0, 1]
     with pytest.raises(InputError, match="correction='all' is unknown"):

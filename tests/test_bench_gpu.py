@@ -49,7 +49,13 @@ def made_up(bench: Any, variant: str, device: str = "a device") -> dict[str, Any
               for n in bench.PASSES}  # fmt: skip
     return {
         "settings": {"variant": variant, "width": 1280, "height": 720},
-        "about": {"device": device, "versions": {"mitsuba": "3", "drjit": "1"}, "date": "today"},
+        "about": {
+            "device": device,
+            "versions": {"mitsuba": "3", "drjit": "1"},
+            "date": "today",
+            "repeat": 1,
+            "sources": "a hash",
+        },
         "errors": errors,
         "times": times,
     }
@@ -92,7 +98,7 @@ def test_quick_run(bench: Any, llvm: None, tmp_path: Path, capsys: Any) -> None:
 
     def run(*more: str) -> dict[str, Any]:
         bench.bench.main([*common, *more], standalone_mode=False)
-        return json.loads((tmp_path / "llvm_ad_rgb.json").read_text(encoding="utf-8"))
+        return json.loads((tmp_path / "llvm_ad_rgb-64x36.json").read_text(encoding="utf-8"))
 
     first = run("--rounds", "7")
     assert set(first["times"]) == {*bench.PASSES, *bench.PARTS}
@@ -123,15 +129,19 @@ def test_other_settings_start_anew(bench: Any, tmp_path: Path) -> None:
     path = tmp_path / "r.json"
     results = made_up(bench, "llvm_ad_rgb")
     path.write_text(json.dumps(results), encoding="utf-8")
-    settings = results["settings"]
-    assert bench.resumed(path, settings, "a device") == results["times"]
+    settings, facts = results["settings"], results["about"]
+    assert bench.resumed(path, settings, facts | {"date": "later"}) == results["times"]
     fresh = {name: [] for name in results["times"]}
-    assert bench.resumed(path, settings | {"width": 640}, "a device") == fresh
-    assert bench.resumed(path, settings, "another device") == fresh
+    assert bench.resumed(path, settings | {"width": 640}, facts) == fresh
+    others = {
+        "device": "another", "versions": {"mitsuba": "4"}, "repeat": 2, "sources": "another hash"
+    }  # fmt: skip
+    for key, value in others.items():
+        assert bench.resumed(path, settings, facts | {key: value}) == fresh
     results["times"]["Schlick, uniform"].pop()
     path.write_text(json.dumps(results), encoding="utf-8")
-    assert bench.resumed(path, settings, "a device") == fresh
-    assert bench.resumed(tmp_path / "none.json", settings, "a device") == fresh
+    assert bench.resumed(path, settings, facts) == fresh
+    assert bench.resumed(tmp_path / "none.json", settings, facts) == fresh
 
 
 def test_wrong_answers_are_not_timed(bench: Any, llvm: None) -> None:
@@ -185,6 +195,10 @@ def test_milliseconds_and_the_claim_with_a_gpu(bench: Any) -> None:
     text = bench.report(results)
     assert "four terms, uniform: +0.0100 ± 0.0000 ms, within 0.05 ms" in text
     assert "another card" not in text
+    results["times"]["four terms, uniform"] = [
+        t + (0.03 if i % 2 else 0.06) for i, t in enumerate(results["times"]["Schlick, uniform"])
+    ]
+    assert "too near to tell from 0.05 ms" in bench.report(results)
     results["settings"]["height"] = 1080
     assert "within" not in bench.report(results)
 
@@ -194,6 +208,16 @@ def test_scalar_variants_are_refused(bench: Any) -> None:
 
     with pytest.raises(InputError, match="no kernels"):
         bench.bench.main(["--variant", "scalar_rgb"], standalone_mode=False)
+
+
+def test_throw_away_numbers_stay_out_of_the_pages(bench: Any, llvm: None) -> None:
+    from fresnel_decomp import InputError
+
+    common = ["--quick", "--variant", "llvm_ad_rgb"]
+    with pytest.raises(InputError, match="--quick with --page"):
+        bench.bench.main([*common, "--page", str(PAGE)], standalone_mode=False)
+    with pytest.raises(InputError, match="--quick with a size"):
+        bench.bench.main([*common, "--width", "32"], standalone_mode=False)
 
 
 def test_page_says_which_numbers_are_which() -> None:

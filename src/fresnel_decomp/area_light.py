@@ -103,6 +103,12 @@ class AreaLight:
         radiance = self.radiance
         if not is_drjit(radiance) and np.ndim(radiance) == 0:
             radiance = (radiance,) * 3
+        elif not is_drjit(radiance) and not is_drjit(*radiance) and np.ndim(radiance) != 1:
+            raise input_error(
+                f"radiance of shape {np.shape(radiance)}",
+                "a number, or three of them",
+                "A light has one radiance all over; shade another light for another radiance.",
+            )
         object.__setattr__(self, "radiance", _triple("radiance", radiance))
 
     @property
@@ -212,7 +218,7 @@ def lit_share(
     ----------
     light : AreaLight
     lobes : LobeTable
-    position, normal, view : (..., 3) float arrays, or three Dr.Jit arrays each
+    position, normal, view : (..., 3) float arrays, or three Dr.Jit or NumPy arrays in a tuple each
         Of the surface. The last two are unit vectors; view points to the viewer.
     alpha : (...) float in [0, 1]
 
@@ -345,7 +351,7 @@ def shade_area_light(
     lobes : LobeTable
         Such as `load_lobes()`.
     material : AreaMaterial
-    position, normal, view : (..., 3) float arrays, or three Dr.Jit arrays each
+    position, normal, view : (..., 3) float arrays, or three Dr.Jit or NumPy arrays in a tuple each
         Of the surface. The last two are unit vectors; view points to the viewer.
     alpha : (...) float in [0, 1]
     correction : {"none", "plain", "normalised", "blended"}
@@ -392,7 +398,7 @@ def shade_area_light(
         factor = material.albedo(lit.mu, alpha)
     if correction == "normalised":
         everywhere = fresnel(lit.cos_half_all)
-        factor = _by_channel(lambda f, a, b: f * a / b, factor, fresnel(lit.cos_half), everywhere)
+        factor = _by_channel(_rescaled, factor, fresnel(lit.cos_half), everywhere)
     elif correction == "blended":
         small = _scaled(fresnel(lit.cos_half), white(lit.mu, alpha) * (1.0 - lit.share))
         factor = _by_channel(lambda a, b: a + b, _scaled(factor, lit.share), small)
@@ -401,6 +407,13 @@ def shade_area_light(
     if isinstance(factor, tuple):
         return tuple(amount * f * c for f, c in zip(factor, light.radiance, strict=True))
     return np.asarray(amount)[..., None] * factor * np.array(light.radiance)
+
+
+def _rescaled(albedo: Any, fresnel: Any, everywhere: Any) -> Any:
+    """A channel that reflects nothing from everywhere reflects nothing."""
+    ops = ops_for(albedo, fresnel, everywhere)
+    some = everywhere != 0.0
+    return ops.select(some, albedo * fresnel / ops.select(some, everywhere, 1.0), 0.0)
 
 
 def _scaled(channels: Any, number: Any) -> Any:
@@ -425,7 +438,11 @@ def _triple(name: str, value: Any) -> Any:
             raise _no_vector(name, f"a {type(value).__name__}")
         return tuple(value[i] for i in range(3))
     array = np.asarray(value)
-    if isinstance(value, tuple) and len(value) == 3 and array.ndim > 1:
+    if (
+        isinstance(value, tuple)
+        and len(value) == 3
+        and all(isinstance(part, np.ndarray) and part.ndim for part in value)
+    ):
         return value
     if array.dtype.kind not in "fiu" or array.ndim == 0 or array.shape[-1] != 3:
         raise _no_vector(name, f"{array.dtype} array of shape {array.shape}")
@@ -437,6 +454,6 @@ def _triple(name: str, value: Any) -> Any:
 def _no_vector(name: str, given: str) -> InputError:
     return input_error(
         f"{name}: {given}",
-        "a real array (..., 3), or three Dr.Jit arrays such as mi.Vector3f has",
+        "a real array (..., 3), or three arrays in a tuple, such as mi.Vector3f has",
         "Components are on the last axis of NumPy arrays; np.stack([x, y, z], axis=-1) joins them.",
     )
