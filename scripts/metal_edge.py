@@ -1,11 +1,12 @@
 """From a base colour to the curve of a metal: fit the numbers that ship, compare with other ways.
 
-    python scripts/metal_edge.py --page docs/principled.md
+    python scripts/metal_edge.py
     python scripts/metal_edge.py --write
 
 Colours of measured metals under D65, and how far each way from their base colour (or from base and
 edge colour) comes to their curves over 0° to 90°. What is fitted to the metals is fitted to all but
 the one that it is tried on. With --write the fit to all of them goes into the package.
+`principled_study.py` puts the tables into its page.
 """
 
 from __future__ import annotations
@@ -18,19 +19,17 @@ from pathlib import Path
 import numpy as np
 
 import fresnel_decomp
-from _markdown import insert, markdown, page_with
+from _markdown import markdown
 from fresnel_decomp import F82, delta_e_2000, gulbrandsen_to_ior, load_basis, load_material
 from fresnel_decomp import metallic as shipped
 from fresnel_decomp._files import write_json
 from fresnel_decomp._schlick import schlick
 from fresnel_decomp.converters import LARGEST_R
-from fresnel_decomp.fresnel import conductor
+from fresnel_decomp.fresnel import conductor, dielectric
 from fresnel_decomp.metallic import MetalEdge, fit_metal_edge
 from fresnel_decomp.parametrization import F82_COSINE
 
 DATA = Path(fresnel_decomp.__file__).parent / "data" / "metal_edge.json"
-MARKS = ("<!-- metals -->\n", "<!-- end of metals -->\n")
-COLOUR_MARKS = ("<!-- colours -->\n", "<!-- end of colours -->\n")
 METALS = (
     *("Ag", "Al", "Au", "Be", "Cr", "Cu", "Hg", "Ir", "Li", "Mo", "Na_palik", "Nb", "Ni_palik"),
     *("Rh", "Ta", "TiC", "TiN", "VC", "VN", "V_palik", "W"),
@@ -90,10 +89,6 @@ def through(base: Array, edge: Array, fitted: MetalEdge) -> Array:
     return basis.evaluate(basis.coefficients_from_reflectance(base, nodes), COSINES[:, None])
 
 
-def usual_edge(base: Array, fitted: MetalEdge) -> Array:
-    return 1.0 - (1.0 - base) * (fitted.p + fitted.q * base)
-
-
 def by_nodes(base: Array, edge: Array, nodes: Array, fitted: MetalEdge) -> Array:
     basis = load_basis()
     return basis.evaluate(basis.coefficients_from_reflectance(base, nodes.T), COSINES[:, None])
@@ -107,9 +102,9 @@ WAYS: dict[str, tuple[str, Way]] = {
     "index, g = 1": ("base colour", gulbrandsen(1.0)),
     "linear tint, β = 0.25": ("base colour", linear_tint(0.25)),
     "linear tint, β = 0.75": ("base colour", linear_tint(0.75)),
-    "usual edge, F82": ("base colour", lambda b, e, n, f: F82(b, usual_edge(b, f))(
+    "usual edge, F82": ("base colour", lambda b, e, n, f: F82(b, f.edge_color(b))(
         COSINES[:, None])),
-    "usual edge, 4 terms": ("base colour", lambda b, e, n, f: through(b, usual_edge(b, f), f)),
+    "usual edge, 4 terms": ("base colour", lambda b, e, n, f: through(b, f.edge_color(b), f)),
     "F82": ("and edge colour", lambda b, e, n, f: F82(b, e)(COSINES[:, None])),
     "4 terms through both": ("and edge colour", lambda b, e, n, f: through(b, e, f)),
     "4 terms through nodes": ("and node colours", by_nodes),
@@ -163,6 +158,41 @@ def table(results: dict[str, dict[str, float]]) -> str:
     return markdown(head, rows)
 
 
+def range_table() -> str:
+    """Lowest and highest reflectance of the fits, over all colours, edges and angles."""
+    basis, steps = load_basis(), np.linspace(0.0, 1.0, 41)
+    base, edge = (c.ravel() for c in np.meshgrid(steps, steps, indexing="ij"))
+    cosines = np.linspace(0.0, 1.0, 401)[:, None]
+
+    def four(first: Array, second: Array) -> Array:
+        return basis.evaluate(shipped.metal_coefficients(first, second, basis), cosines)
+
+    def f82(first: Array, second: Array) -> Array:
+        return F82(first, second)(cosines)
+
+    def dielectrics(f0: Array) -> dict[str, Array]:
+        eta = shipped.dielectric_eta(f0)
+        exact = [dielectric(c, eta) for c in (F82_COSINE, *np.cos(basis.nodes))]
+        c = basis.coefficients_from_reflectance(f0, np.stack(exact[1:], axis=-1))
+        return {"four terms": basis.evaluate(c, cosines), "f82": F82(f0, exact[0])(cosines)}
+
+    usual = shipped.default_edge_color(steps)
+    near, far = np.geomspace(1e-12, 2e-3, 60), np.linspace(2e-3, 0.99, 200)
+    rows: dict[str, dict[str, Array]] = {
+        "metals, usual edge": {"four terms": four(steps, usual), "f82": f82(steps, usual)},
+        "metals, any edge colour": {"four terms": four(base, edge), "f82": f82(base, edge)},
+        "dielectrics, F0 ≥ 0.002": dielectrics(far),
+        "dielectrics, F0 < 0.002": dielectrics(near),
+    }
+    return markdown(
+        ["lowest and highest reflectance", "decomposition", "f82"],
+        [
+            [name, *(f"{v.min():.3f} … {v.max():.3f}" for v in values.values())]
+            for name, values in rows.items()
+        ],
+    )
+
+
 def colour_table() -> str:
     """What to type for metals: base and edge colours in linear sRGB."""
 
@@ -176,39 +206,43 @@ def colour_table() -> str:
     )
 
 
+def tables() -> dict[str, str]:
+    """What the page shows, by the names of its marks."""
+    edge = shipped.load_metal_edge()
+    black = 1.0 - edge.edge_color(0.0)
+    least = min(float(colours(name)[0][-1].min()) for name in METALS)
+    usual = (
+        f"Over {len(METALS)} metals, whose darkest channel is {least:.2f}; the usual edge colour "
+        f"is 1 − (1 − F0)({black:.3f} + {edge.q:.3f} F0 + {edge.s:.3f} F0²)."
+    )
+    return {
+        "metals": f"{table(compare())}\n\n{usual}",
+        "ranges": range_table(),
+        "colours": colour_table(),
+    }
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--write", action="store_true", help="write the fit into the package")
-    parser.add_argument(
-        "--page", type=page_with(MARKS, COLOUR_MARKS), help="replace the tables of a page"
-    )
     options = parser.parse_args(arguments)
-    fitted = fit(METALS)
     if options.write:
+        fitted = fit(METALS)
         columns = {name: getattr(fitted, name).round(6).tolist() for name in ("u", "v")}
         write_json(
             DATA,
             {
                 "cos_theta": fitted.cos_theta.tolist(),
                 **columns,
-                "p": round(fitted.p, 6),
                 "q": round(fitted.q, 6),
+                "s": round(fitted.s, 6),
                 "metals": list(METALS),
                 "illuminant": "D65",
             },
         )
         shipped.load_metal_edge.cache_clear()
         shipped._weights_at.cache_clear()
-    text = table(compare())
-    edge = shipped.load_metal_edge()
-    text += (
-        f"\n\nOver {len(METALS)} metals; the usual edge colour is "
-        f"1 − (1 − F0)({edge.p:.3f} + {edge.q:.3f} F0)."
-    )
-    print(f"{text}\n\n{colour_table()}")
-    if options.page:
-        insert(options.page, text, MARKS)
-        insert(options.page, colour_table(), COLOUR_MARKS)
+    print("\n\n".join(tables().values()))
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ import click
 import numpy as np
 
 import _figure
+import metal_edge
 from _figure import (
     DATA,
     PICTURES,
@@ -43,15 +44,17 @@ from fresnel_decomp._schlick import schlick
 from fresnel_decomp.converters import LARGEST_R
 from fresnel_decomp.fresnel import dielectric
 from fresnel_decomp.images import compare, read_exr, write_exr
-from fresnel_decomp.metallic import default_edge_color, metal_coefficients
+from fresnel_decomp.metallic import default_edge_color, dielectric_eta, metal_coefficients
 from fresnel_decomp.parametrization import F82_COSINE
 from fresnel_decomp.report import style
 
 NAME = "principled_study"
 MARKS = {
     name: (f"<!-- {name} -->\n", f"<!-- end of {name} -->\n")
-    for name in ("curves", "mixing", "furnace", "cost", "pictures")
-}
+    for name in (
+        "curves", "mixing", "furnace", "indices", "cost", "pictures", "metals", "colours", "ranges"
+    )
+}  # fmt: skip
 COSINES = np.sin(np.radians(np.linspace(0.0, 90.0, 181)))
 COPPER = (0.955, 0.638, 0.538)
 METALLIC = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -221,6 +224,39 @@ def furnace() -> dict[str, dict[str, float]]:
             "lost by a white metal at 60°": float(1.0 - lobe[np.argmin(np.abs(mu - 0.5)), 0]),
             "kept from a plastic's lobe at 0°": float((1.0 - lobe[-1, 0]) * dielectric(1.0, 1.5)),
         }
+    return found
+
+
+INDICES = {
+    **{f"η = {eta:g}": eta for eta in (1.0, 1.0003, 1.001, 1.003, 1.01, 1.1, 1.5, 2.4)},
+    "F0 = 0.8": float(dielectric_eta(0.8)),
+    "F0 = 0.99": float(dielectric_eta(0.99)),
+}
+
+
+def furnace_of_indices() -> dict[str, dict[str, float]]:
+    """How far white plastics of other indices are from giving back all light, with `exact`.
+
+    At cosines from 0.02, over three roughnesses.
+    """
+    from fresnel_decomp.mitsuba.principled import LEAST_ROOT
+
+    mu, six = np.geomspace(0.02, 1.0, 40), load_basis("talk", 6)
+    table, found = AlbedoTable.bake(six.closed_form), {}
+    for name, eta in INDICES.items():
+        root = (eta - 1.0) / (eta + 1.0)
+        c = six.coefficients(eta, 0.0) * min(root / LEAST_ROOT, 1.0)
+        row = {}
+        for roughness in (0.1, 0.3, 0.6):
+            alpha = roughness**2
+
+            def exact(x: Any, eta: float = eta) -> Any:
+                return dielectric(x, eta)[..., None]
+
+            albedo = directional_albedo(exact, mu, alpha, quadrature=(48, 48))[..., 0]
+            missing = albedo - table.lookup(mu, alpha) @ c
+            row[f"roughness {roughness:g}"] = float(missing[np.argmax(np.abs(missing))])
+        found[name] = row
     return found
 
 
@@ -394,6 +430,7 @@ def compute(job: Job) -> dict[str, Any]:
         "recipes": recipe_errors(),
         "mixing": mixing_errors(),
         "furnace": furnace(),
+        "indices": furnace_of_indices(),
     }
     job.report("renders", 0.2)
     numbers["renders"] = render(job)
@@ -442,6 +479,11 @@ def tables(results: Results) -> dict[str, str]:
             for roughness, row in results["furnace"].items()
         ],
     )
+    columns = list(next(iter(results["indices"].values())))
+    indices = markdown(
+        ["exact, white base", *columns],
+        [[name, *(f"{row[c]:+.4f}" for c in columns)] for name, row in results["indices"].items()],
+    )
     methods = list(next(iter(results["cost"].values())))
     cost = markdown(
         ["time, Mitsuba's principled = 1", *methods],
@@ -466,6 +508,7 @@ def tables(results: Results) -> dict[str, str]:
         "curves": f"{curves}\n\n{recipes}",
         "mixing": mixing,
         "furnace": energy,
+        "indices": indices,
         "cost": cost,
         "pictures": f"{pictures}\n\nBetween ours and Mitsuba's principled: {beside}.",
     }
@@ -639,7 +682,8 @@ def study(
     click.echo(f"{NAME} {state}: {shown(folder)}")
     for path in _figure.draw(FIGURE, folder, data if out or quick else PICTURES):
         click.echo(f"Wrote {shown(path)}")
-    for name, text in tables(read_sidecar(NAME, folder)["results"]).items():
+    texts = tables(read_sidecar(NAME, folder)["results"]) | metal_edge.tables()
+    for name, text in texts.items():
         click.echo(f"\n{text}")
         if page is not None:
             insert(page, text, MARKS[name])

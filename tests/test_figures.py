@@ -18,6 +18,7 @@ MODULES = (
     "fig02_edge_tint", "fig03_shader_balls", "fig04_linear_tint", "_split_sum",
     "split_sum_study", "reproduce",
     "table_study", "principled_study", "inverse_study", "area_light_study", "energy_study",
+    "metal_edge",
 )  # fmt: skip
 RENDERED = ("fig01b_beryllium", "fig01c_roughness", "fig02_edge_tint", "fig03_shader_balls")
 

@@ -41,6 +41,15 @@ def test_curves_pass_through_both_colours() -> None:
         assert metal_reflectance(1.0, 1.0, cos_theta) == 1.0
 
 
+def test_usual_edges_are_brighter_for_brighter_metals() -> None:
+    """Also where none was fitted: from Schlick's edge of a black one to that of a mirror."""
+    base = np.linspace(0.0, 1.0, 201)
+    edge = default_edge_color(base)
+    assert edge[0] == pytest.approx((6.0 / 7.0) ** 5)
+    assert edge[-1] == 1.0
+    assert np.all(np.diff(edge) > 0.0)
+
+
 def test_coefficients_are_those_of_the_node_reflectances() -> None:
     basis = load_basis("balanced", 5)
     base, edge = np.array([0.9, 0.5, 0.2]), np.array([0.92, 0.6, 0.4])
@@ -82,7 +91,7 @@ def test_derivative_of_the_index_is_finite_at_zero() -> None:
 
 def test_numbers_are_those_of_the_script(script) -> None:
     fitted, shipped = script.fit(script.METALS), load_metal_edge()
-    for name in ("cos_theta", "u", "v", "p", "q"):
+    for name in ("cos_theta", "u", "v", "q", "s"):
         np.testing.assert_allclose(getattr(shipped, name), getattr(fitted, name), atol=2e-6)
 
 
@@ -106,8 +115,9 @@ def test_comparison_is_on_the_page(script) -> None:
     assert best == "usual edge, 4 terms"
     assert results["4 terms through both"]["rmse"] < results["F82"]["rmse"]
     page = (ROOT / "docs" / "principled.md").read_text(encoding="utf-8")
-    for line in script.table(results).splitlines():
-        assert line in page
+    for text in (script.table(results), script.range_table(), script.colour_table()):
+        for line in text.splitlines():
+            assert line in page
 
 
 def test_bad_input() -> None:

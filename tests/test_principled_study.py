@@ -41,6 +41,7 @@ def test_page_has_the_tables(study: Any) -> None:
         "recipes": study.recipe_errors(),
         "mixing": study.mixing_errors(),
         "furnace": study.furnace(),
+        "indices": study.furnace_of_indices(),
         "cost": {"": {"": [0.0, 0.0]}},
         "renders": {
             name: {kind: {"delta_e": 0.0} for kind in ("schlick", "usual", "edge", "nodes")}
@@ -49,7 +50,7 @@ def test_page_has_the_tables(study: Any) -> None:
         | {name: {"delta_e": 0.0} for name in ("0", "0.5", "1")},
     }
     texts = study.tables(results)
-    for name in ("curves", "mixing", "furnace"):
+    for name in ("curves", "mixing", "furnace", "indices"):
         for line in texts[name].splitlines():
             assert line in page
 
@@ -73,6 +74,8 @@ def test_quick_study(study: Any, tmp_path: Path, capsys: pytest.CaptureFixture[s
     for metal in ("Au", "Cu"):
         errors = {name: found["delta_e"] for name, found in results["renders"][metal].items()}
         assert errors["nodes"] < errors["schlick"] < errors["usual"]
+    assert max(abs(v) for v in results["indices"]["η = 1"].values()) == 0.0
+    assert max(abs(v) for row in results["indices"].values() for v in row.values()) < 0.1
     for row in results["furnace"].values():
         assert row["decomposition"] < 1e-3
         assert row["exact"] < 1e-3

@@ -5,14 +5,15 @@ about 82 degrees. From both,
 
     1 - F(mu) = u(mu) (1 - F0) + v(mu) (1 - f82),
 
-with u and v fitted to measured metals: affine in both colours, defined for all of them, right where
-they are given, and 1 at grazing incidence. Where no edge colour is known, the usual one of a metal
-of that base colour stands in,
+with u and v fitted to measured metals: affine in both colours, right where they are given, and 1 at
+grazing incidence. Colours far from those of metals give curves that leave [0, 1] between them.
+Where no edge colour is known, the usual one of a metal of that base colour stands in,
 
-    1 - f82 = (1 - F0) (p + q F0),
+    1 - f82 = (1 - F0) (p + q F0 + s F0²),      p = 1 - (6/7)^5,
 
-fitted to the same metals. `scripts/metal_edge.py` makes the numbers anew and compares this with
-other ways from a base colour to a curve: an index of refraction, edge tints, Schlick's curve.
+fitted to the same metals, but for p: there are no black metals, and what one is left to reflect at
+82 degrees is Schlick's. `scripts/metal_edge.py` makes the numbers anew and compares this with other
+ways from a base colour to a curve: an index of refraction, edge tints, Schlick's curve.
 
 Functions here take Python floats, NumPy or Dr.Jit arrays, broadcast, and do not clamp.
 """
@@ -42,27 +43,35 @@ __all__ = [
     "metal_reflectance",
 ]
 
+_BLACK_EDGE = 1.0 - (1.0 - F82_COSINE) ** 5
+"""What Schlick's curve of a black surface lacks at cos = 1/7: the number p."""
+
 _LEAST_F0 = 1e-12
 """The square root of F0 has no derivative at 0; a root below this is lost beside 1 anyway."""
 
 
 @dataclass(frozen=True, eq=False)
 class MetalEdge:
-    """The functions u and v and the numbers p and q.
+    """The functions u and v and the numbers q and s.
 
     Attributes
     ----------
     cos_theta, u, v : (n,) float
         Nodes of piecewise cubics in sqrt(cos_theta), from 0 to 1; cos = 1/7 is one of them.
-    p, q : float
+    q, s : float
         Of the edge colour that stands in.
     """
 
     cos_theta: np.ndarray
     u: np.ndarray
     v: np.ndarray
-    p: float
     q: float
+    s: float
+
+    def edge_color(self, base_color: Any) -> Any:
+        """The edge colour that stands in for an unknown one."""
+        rise = base_color * multiply_add(base_color, self.s, self.q)
+        return 1.0 - (1.0 - base_color) * (_BLACK_EDGE + rise)
 
     def weights(self, cos_theta: Any) -> tuple[np.ndarray, np.ndarray]:
         """u and v at NumPy cosines in [0, 1]."""
@@ -79,7 +88,7 @@ def load_metal_edge() -> MetalEdge:
     file = resources.files(__package__) / "data" / "metal_edge.json"
     data = json.loads(file.read_text(encoding="utf-8"))
     cos_theta, u, v = (np.array(data[name]) for name in ("cos_theta", "u", "v"))
-    return MetalEdge(cos_theta, u, v, data["p"], data["q"])
+    return MetalEdge(cos_theta, u, v, data["q"], data["s"])
 
 
 @functools.lru_cache(maxsize=64)  # kernels of scalar variants ask for the same few at every point
@@ -89,7 +98,7 @@ def _weights_at(cos_theta: float) -> tuple[float, float]:
 
 
 def fit_metal_edge(cos_theta: Any, reflectance: Any) -> MetalEdge:
-    """Fit u, v, p and q to curves by least squares at each cosine.
+    """Fit u, v, q and s to curves by least squares at each cosine.
 
     Parameters
     ----------
@@ -119,12 +128,13 @@ def fit_metal_edge(cos_theta: Any, reflectance: Any) -> MetalEdge:
         )
     absorbed = 1.0 - curves
     f0, (first, edge) = curves[-1], absorbed[[-1, int(at[0])]]
-    p, q = np.linalg.lstsq(np.stack([first, first * f0], axis=1), edge, rcond=None)[0]
+    powers = np.stack([first * f0, first * f0**2], axis=1)
+    q, s = np.linalg.lstsq(powers, edge - _BLACK_EDGE * first, rcond=None)[0]
     u, v = np.linalg.lstsq(np.stack([first, edge], axis=1), absorbed.T, rcond=None)[0]
     # exact by construction, to rounding
     u[0] = v[0] = u[at[0]] = v[-1] = 0.0
     u[-1] = v[at[0]] = 1.0
-    return MetalEdge(cos_theta, u, v, float(p), float(q))
+    return MetalEdge(cos_theta, u, v, float(q), float(s))
 
 
 def default_edge_color(base_color: Any) -> Any:
@@ -140,8 +150,7 @@ def default_edge_color(base_color: Any) -> Any:
     >>> round(default_edge_color(0.6), 2), default_edge_color(1.0)
     (0.63, 1.0)
     """
-    edge = load_metal_edge()
-    return 1.0 - (1.0 - base_color) * multiply_add(base_color, edge.q, edge.p)
+    return load_metal_edge().edge_color(base_color)
 
 
 def metal_reflectance(base_color: Any, edge_color: Any, cos_theta: float) -> Any:

@@ -28,7 +28,7 @@ from .microfacet_lobe import derived, mueller, raised, weight_and_density
 from .ranges import check_range, recording
 from .tabulation import tabulate
 
-__all__ = ["DEFAULT_EDGE_TINT", "LEAST_ALPHA", "DecomposedPrincipled", "plugin_class"]
+__all__ = ["DEFAULT_EDGE_TINT", "LEAST_ALPHA", "LEAST_ROOT", "DecomposedPrincipled", "plugin_class"]
 
 LEAST_ALPHA = 1e-3
 """What stands for a smoother surface, of roughness below 0.0316, as float32 asks for."""
@@ -38,6 +38,9 @@ DEFAULT_EDGE_TINT = 0.5
 
 _LEAST_ALBEDO = 1e-4
 """Of the lobe, when directions are chosen: it keeps a share of them."""
+
+LEAST_ROOT = 1e-3
+"""Square root of F0 below which the fit of the exact term's albedo fades out."""
 
 _LEAST_SHARE = 0.02
 """Of the diffuse base: what the lobe's albedo counts for at least, when directions are chosen."""
@@ -90,8 +93,9 @@ class DecomposedPrincipled:
     terms. Light that microfacets of a *metal* would scatter more than once is lost, as in
     `roughconductor`.
 
-    Nothing is clamped: fits leave [0, 1] by their error, most where the index of the dielectric
-    is nearly that of the outside.
+    Nothing is clamped. Fits leave [0, 1] by their error, also where the index of the dielectric is
+    nearly that of the outside, and metals do where the edge colour is one that no metal of this
+    base colour has: an edge of 1 on a black metal reflects up to 1.2.
 
     In polarised variants the base and the fitted terms depolarise.
 
@@ -188,7 +192,9 @@ class DecomposedPrincipled:
             material = Material("indices", (eta, 0.0 * eta), self.basis)
             stored = list(self.term.project(material))
             if self.fresnel == "exact":
-                stored += self.coating.basis.coefficients(*material.values)
+                # an index of 1 reflects nothing, and its fit is off by 0.1 at grazing angles
+                there = dr.minimum((eta - 1.0) / (eta + 1.0) / LEAST_ROOT, 1.0)
+                stored += [there * c for c in self.coating.basis.coefficients(*material.values)]
             return stored
 
         if recording():  # going on would end the process
