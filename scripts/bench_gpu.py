@@ -16,13 +16,17 @@ answers are exact, and again with the texture units, whose fractions have 8 bits
 timed.
 
 All passes, and passes cut short, take turns; a ratio or a difference is the median over rounds of
-what two passes took in the same round, ± half the distance between its quartiles. Finished rounds
-are kept in the results: interrupt the script when you like, the same command goes on.
+what two passes took in the same round, ± half the distance between its quartiles. What lies within
+that spread is undecided. Finished rounds are kept in the results: interrupt the script when you
+like, the same command goes on. Rounds of another size, device, version or code have another file,
+so they are neither mixed nor lost.
 """
 
 from __future__ import annotations
 
+import datetime
 import hashlib
+import inspect
 import json
 import os
 import platform
@@ -62,7 +66,7 @@ from fresnel_decomp.machine import graphics_card, processor
 from fresnel_decomp.report import style
 
 ROOT = Path(__file__).resolve().parents[1]
-OUT, DOCS = ROOT / "out" / "bench_gpu", ROOT / "docs"
+OUT = ROOT / "out" / "bench_gpu"
 MARKS = {
     kind: (f"<!-- full-screen pass, {kind} -->\n", f"<!-- end of full-screen pass, {kind} -->\n")
     for kind in ("cuda", "llvm")
@@ -95,6 +99,9 @@ class Settings:
 
 QUICK = {"width": 64, "height": 36, "texture": 32, "table": 16, "light_width": 32,
          "light_levels": 4}  # fmt: skip
+
+
+RG = TEXTURED[2]
 
 
 def base_of(name: str) -> str:
@@ -265,7 +272,7 @@ def report(results: Mapping[str, Any]) -> str:
     where = (
         f"Kernel times of {len(times[PASSES[0]])} rounds, {size}, {settings['variant']}, "
         f"{about['device']}, Mitsuba {about['versions']['mitsuba']}, Dr.Jit "
-        f"{about['versions']['drjit']}; {about['date']}."
+        f"{about['versions']['drjit']}; {days(results['dates'])}."
     )
     label = (
         "Milliseconds on a GPU, with its texture units."
@@ -283,7 +290,7 @@ def report(results: Mapping[str, Any]) -> str:
             else "."
         )
     )
-    parts = [label, markdown(head, rows), shares(times), f"{where} {checked}"]
+    parts = [label, markdown(head, rows), shares(times), comparisons(times), f"{where} {checked}"]
     if gpu:
         parts.insert(2, verdicts(results))
     return "\n\n".join(parts)
@@ -306,6 +313,44 @@ def shares(times: Mapping[str, Sequence[float]]) -> str:
     return markdown(head, rows)
 
 
+def comparisons(times: Mapping[str, Sequence[float]]) -> str:
+    """Markdown: what is dearer, and by how much, in percent of Schlick's pass in the same round."""
+    _, _, two, four = (times[name] for name in PARTS)
+
+    def sums(kind: Sequence[str]) -> list[float]:
+        return differences(differences(times[kind[1]], four), differences(times[kind[0]], two))
+
+    steps = {
+        "table: four channels, not two": (differences(four, two), UNIFORM),
+        "coefficients and sum: four terms, not two; uniform": (sums(UNIFORM), UNIFORM),
+        "coefficients and sum: three maps, not one; textured": (sums(TEXTURED), TEXTURED),
+        "(r, g) in two maps, not coefficients in three": (
+            differences(times[RG], times[TEXTURED[1]]), TEXTURED,
+        ),
+    }  # fmt: skip
+    rows = []
+    for name, (step, kind) in steps.items():
+        share = [100.0 * a / b for a, b in zip(step, times[kind[0]], strict=True)]
+        more, half = (round(value, 1) for value in spread(share))  # the verdict on what is printed
+        rows.append([name, _number(more, half, digits=1), direction(more, half)])
+    return markdown(("change", "% of Schlick's pass", "verdict"), rows)
+
+
+def direction(more: float, half: float) -> str:
+    """Whether a difference is one: its sign, or undecided within its spread."""
+    if abs(more) <= half:
+        return "undecided"
+    return "dearer" if more > 0.0 else "cheaper"
+
+
+def verdict(more: Sequence[float]) -> str:
+    """Whether milliseconds more are at most the talk's: within, above, or undecided."""
+    middle, half = spread(more)
+    if middle + half <= CLAIM_MS:
+        return "within"
+    return "above" if middle - half > CLAIM_MS else "undecided"
+
+
 def verdicts(results: Mapping[str, Any]) -> str:
     """The talk's claim against what was measured; only for a GPU."""
     settings, times = results["settings"], results["times"]
@@ -316,14 +361,20 @@ def verdicts(results: Mapping[str, Any]) -> str:
     for name in PASSES:
         if name == base_of(name):
             continue
-        more, half = spread(differences(times[name], times[base_of(name)]))
-        word = "within" if more + half <= CLAIM_MS else "above"
-        if abs(more - CLAIM_MS) < half:
-            word = "too near to tell from"
-        lines.append(f"- {name}: {more:+.4f} ± {half:.4f} ms, {word} {CLAIM_MS} ms")
+        more = differences(times[name], times[base_of(name)])
+        middle, half = spread(more)
+        lines.append(
+            f"- {name}: {middle:+.4f} ± {half:.4f} ms against {CLAIM_MS} ms: {verdict(more)}"
+        )
     device = results["about"]["device"]
     other = "" if "2070" in device else f" This is another card, {device}."
     return "\n".join([f"The talk: at most {CLAIM_MS} ms on an RTX 2070.{other}", "", *lines])
+
+
+def days(dates: Sequence[str]) -> str:
+    """When the rounds were measured, not when they were reported."""
+    first, last = min(dates), max(dates)
+    return first if first == last else f"{first} to {last}"
 
 
 def _number(value: float, half: float, digits: int) -> str:
@@ -332,8 +383,6 @@ def _number(value: float, half: float, digits: int) -> str:
 
 def about(variant: str, repeat: int) -> dict[str, Any]:
     """Machine and versions."""
-    import datetime
-
     import drjit as dr
 
     found = doctor.report()
@@ -350,19 +399,24 @@ def about(variant: str, repeat: int) -> dict[str, Any]:
         "repeat": repeat,
         "sources": sources(),
         "metals": METALS,
-        "date": datetime.date.today().isoformat(),
     }
 
 
 def sources() -> str:
-    """A hash of all code that the passes may run."""
+    """A hash of what is timed and how: the package with its data, the pass, the timing.
+
+    Texts of the report are not in it, so a page can be written again from finished rounds.
+    """
     package = Path(fresnel_decomp.__file__).parent
-    files = [
-        *sorted(package.rglob("*.py")),
-        Path(__file__),
-        Path(__file__).parent / "_screen_pass.py",
-    ]
-    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
+    found = hashlib.sha256()
+    for path in sorted(package.rglob("*")):
+        if path.is_file() and path.suffix != ".pyc":
+            found.update(f"{path.relative_to(package).as_posix()}\0".encode())
+            found.update(hashlib.sha256(path.read_bytes()).digest())
+    found.update(Path(__file__).with_name("_screen_pass.py").read_bytes())
+    for function in (prefiltered_city, measure, _milliseconds):
+        found.update(inspect.getsource(function).encode())
+    return found.hexdigest()
 
 
 # --- picture -------------------------------------------------------------------------------------
@@ -437,19 +491,28 @@ def draw(pictures: Mapping[str, np.ndarray], path: Path) -> None:
 # --- command line --------------------------------------------------------------------------------
 
 
-def resumed(path: Path, settings: Mapping[str, Any], facts: Mapping[str, Any]) -> Times:
-    """Finished rounds of the same settings and code on the same device."""
-    empty: Times = {name: [] for name in (*PASSES, *PARTS)}
+def results_path(folder: Path, settings: Settings, facts: Mapping[str, Any]) -> Path:
+    """The file of all rounds that may be compared, and of no others."""
+    same = {key: facts[key] for key in ("device", "versions", "repeat", "sources")}
+    text = json.dumps([asdict(settings), same], sort_keys=True)
+    label = f"{settings.variant}-{settings.width}x{settings.height}"
+    if settings == Settings(settings.variant, **QUICK):
+        label += "-quick"
+    return folder / f"{label}-{hashlib.sha256(text.encode()).hexdigest()[:8]}.json"
+
+
+def resumed(path: Path) -> tuple[Times, list[str]]:
+    """Finished rounds and the day of each; none if the file is damaged."""
+    names = (*PASSES, *PARTS)
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
-        same = ("device", "versions", "repeat", "sources")
-        if kept["settings"] == settings and all(kept["about"][k] == facts[k] for k in same):
-            times = {name: [float(t) for t in kept["times"][name]] for name in empty}
-            if len({len(values) for values in times.values()}) == 1:
-                return times
+        times = {name: [float(t) for t in kept["times"][name]] for name in names}
+        dates = [datetime.date.fromisoformat(day).isoformat() for day in kept["dates"]]
+        if {len(values) for values in times.values()} == {len(dates)}:
+            return times, dates
     except (OSError, ValueError, KeyError, TypeError):
         pass
-    return empty
+    return {name: [] for name in names}, []
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
@@ -462,7 +525,7 @@ def resumed(path: Path, settings: Mapping[str, Any], facts: Mapping[str, Any]) -
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    help="Folder for the results, VARIANT-SIZE.json.  [default: out/bench_gpu]",
+    help="Folder for the results, VARIANT-SIZE-HASH.json.  [default: out/bench_gpu]",
 )
 @click.option(
     "--page",
@@ -493,10 +556,12 @@ def bench(
         raise input_error(
             "--quick with a size", "one of them", "The quick picture has 64 × 36 pixels."
         )
-    if quick and page and page.resolve().is_relative_to(DOCS):
-        raise input_error(
-            f"--quick with --page {page}", "a page outside of docs/", "Leave out --quick."
-        )
+    for option, target in (("--page", page), ("--figure", figure)):
+        if quick and target and target.resolve().is_relative_to(ROOT):
+            raise input_error(
+                f"--quick with {option} {target}", "a file outside of the repository",
+                "Leave out --quick.",
+            )  # fmt: skip
     doctor.require_variant(variant)
     import mitsuba as mi
 
@@ -507,10 +572,10 @@ def bench(
         settings = Settings(variant, **QUICK)
     repeat = 20 if gpu else 1
     facts = about(variant, repeat)
-    path = writable_folder(out or OUT) / f"{variant}-{settings.width}x{settings.height}.json"
-    times = resumed(path, asdict(settings), facts)
+    path = results_path(writable_folder(out or OUT), settings, facts)
+    times, dates = resumed(path)
     if force:
-        times = {name: [] for name in times}
+        times, dates = {name: [] for name in times}, []
     kept = len(times[PASSES[0]])
     if kept:
         click.echo(f"{kept} rounds are finished.", err=True)
@@ -532,9 +597,11 @@ def bench(
             "about": facts,
             "errors": errors,
             "times": times,
+            "dates": dates,
         }
 
         def finished() -> None:
+            dates.append(datetime.date.today().isoformat())
             write_json(path, results)
             progress.advance(task)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import json
 import re
@@ -52,10 +53,10 @@ def made_up(bench: Any, variant: str, device: str = "a device") -> dict[str, Any
         "about": {
             "device": device,
             "versions": {"mitsuba": "3", "drjit": "1"},
-            "date": "today",
             "repeat": 1,
             "sources": "a hash",
         },
+        "dates": ["2026-11-24"] * 4 + ["2026-11-25"] * 5,
         "errors": errors,
         "times": times,
     }
@@ -98,7 +99,8 @@ def test_quick_run(bench: Any, llvm: None, tmp_path: Path, capsys: Any) -> None:
 
     def run(*more: str) -> dict[str, Any]:
         bench.bench.main([*common, *more], standalone_mode=False)
-        return json.loads((tmp_path / "llvm_ad_rgb-64x36.json").read_text(encoding="utf-8"))
+        (path,) = tmp_path.glob("llvm_ad_rgb-64x36-quick-*.json")
+        return json.loads(path.read_text(encoding="utf-8"))
 
     first = run("--rounds", "7")
     assert set(first["times"]) == {*bench.PASSES, *bench.PARTS}
@@ -125,23 +127,67 @@ def test_quick_run(bench: Any, llvm: None, tmp_path: Path, capsys: Any) -> None:
     assert text.index(cuda) + len(cuda) == text.index(bench.MARKS["cuda"][1])  # left alone
 
 
-def test_other_settings_start_anew(bench: Any, tmp_path: Path) -> None:
-    path = tmp_path / "r.json"
-    results = made_up(bench, "llvm_ad_rgb")
-    path.write_text(json.dumps(results), encoding="utf-8")
-    settings, facts = results["settings"], results["about"]
-    assert bench.resumed(path, settings, facts | {"date": "later"}) == results["times"]
-    fresh = {name: [] for name in results["times"]}
-    assert bench.resumed(path, settings | {"width": 640}, facts) == fresh
+def test_rounds_of_something_else_have_a_file_of_their_own(bench: Any, tmp_path: Path) -> None:
+    """So nothing overwrites finished rounds, and nothing is mixed with them."""
+    settings = bench.Settings("llvm_ad_rgb", 64, 36)
+    facts = made_up(bench, "llvm_ad_rgb")["about"]
+    runs = [(settings, facts), (bench.Settings("llvm_ad_rgb", **bench.QUICK), facts)]
+    runs += [(dataclasses.replace(settings, width=96), facts)]
     others = {
         "device": "another", "versions": {"mitsuba": "4"}, "repeat": 2, "sources": "another hash"
     }  # fmt: skip
-    for key, value in others.items():
-        assert bench.resumed(path, settings, facts | {key: value}) == fresh
+    runs += [(settings, facts | {key: value}) for key, value in others.items()]
+    paths = [bench.results_path(tmp_path, *run) for run in runs]
+    assert len(set(paths)) == len(runs)
+    assert [path.name.startswith("llvm_ad_rgb-64x36-quick-") for path in paths[:2]] == [False, True]
+    assert bench.results_path(tmp_path, settings, facts | {"platform": "new"}) == paths[0]
+
+
+def test_the_code_that_is_timed_is_what_counts(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another way to time is other code; another text of the report is not."""
+    before = bench.sources()
+    monkeypatch.setattr(bench, "verdicts", lambda results: "")
+    assert bench.sources() == before
+    monkeypatch.setattr(bench, "_milliseconds", lambda shaders, name, repeat: 1.0)
+    assert bench.sources() != before
+
+
+def test_data_of_the_package_count(
+    bench: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "data").mkdir()
+    code, data = tmp_path / "__init__.py", tmp_path / "data" / "basis.json"
+    for path in (code, data):
+        path.write_text("1", encoding="utf-8")
+    monkeypatch.setattr(bench.fresnel_decomp, "__file__", str(code))
+    found = {bench.sources()}
+    for path in (data, code):
+        path.write_text("2", encoding="utf-8")
+        found.add(bench.sources())
+    assert len(found) == 3
+
+
+def test_damaged_rounds_start_anew(bench: Any, tmp_path: Path) -> None:
+    path = tmp_path / "r.json"
+    fresh = ({name: [] for name in (*bench.PASSES, *bench.PARTS)}, [])
+
+    def kept(results: dict[str, Any]) -> Any:
+        path.write_text(json.dumps(results), encoding="utf-8")
+        return bench.resumed(path)
+
+    results = made_up(bench, "llvm_ad_rgb")
+    assert kept(results) == (results["times"], results["dates"])
+    assert kept(results | {"dates": results["dates"][1:]}) == fresh
     results["times"]["Schlick, uniform"].pop()
-    path.write_text(json.dumps(results), encoding="utf-8")
-    assert bench.resumed(path, settings, facts) == fresh
-    assert bench.resumed(tmp_path / "none.json", settings, facts) == fresh
+    assert kept(results) == fresh
+    assert bench.resumed(tmp_path / "none.json") == fresh
+
+
+def test_rounds_keep_the_day_they_were_measured(bench: Any) -> None:
+    results = made_up(bench, "llvm_ad_rgb")
+    assert "; 2026-11-24 to 2026-11-25." in bench.report(results)
+    results["dates"] = ["2026-11-24"] * 9
+    assert "; 2026-11-24." in bench.report(results)
 
 
 def test_wrong_answers_are_not_timed(bench: Any, llvm: None) -> None:
@@ -186,21 +232,65 @@ def test_milliseconds_and_the_claim_with_a_gpu(bench: Any) -> None:
     assert "Milliseconds on a GPU" in text
     assert "1.1000 ± 0.5500" in text  # 2.2 in three of nine rounds
     assert "four terms, uniform: +0.1000" in text
-    assert "above 0.05 ms" in text
     assert "This is another card" in text
     results["times"]["four terms, uniform"] = [
         t + 0.01 for t in results["times"]["Schlick, uniform"]
     ]
     results["about"]["device"] = "NVIDIA GeForce RTX 2070, driver 1"
     text = bench.report(results)
-    assert "four terms, uniform: +0.0100 ± 0.0000 ms, within 0.05 ms" in text
+    assert "four terms, uniform: +0.0100 ± 0.0000 ms against 0.05 ms: within" in text
     assert "another card" not in text
     results["times"]["four terms, uniform"] = [
         t + (0.03 if i % 2 else 0.06) for i, t in enumerate(results["times"]["Schlick, uniform"])
     ]
-    assert "too near to tell from 0.05 ms" in bench.report(results)
+    line = "four terms, uniform: +0.0600 ± 0.0150 ms against 0.05 ms: undecided"
+    assert line in bench.report(results)
     results["settings"]["height"] = 1080
     assert "within" not in bench.report(results)
+
+
+@pytest.mark.parametrize(
+    ("more", "half", "word"),
+    [
+        (0.01, 0.03, "within"),
+        (-0.10, 0.03, "within"),
+        (0.04, 0.03, "undecided"),
+        (0.06, 0.03, "undecided"),
+        (0.09, 0.03, "above"),
+        (0.05, 0.00, "within"),  # "at most"
+    ],
+)
+def test_three_verdicts(bench: Any, more: float, half: float, word: str) -> None:
+    """The spread counts: a median on one side of 0.05 ms is not enough."""
+    rounds = [more - half, more, more + half]
+    assert bench.verdict([more - 2 * half, *rounds, more + 2 * half]) == word
+
+
+def test_what_is_dearer_follows_from_the_times(bench: Any) -> None:
+    """Slow rounds are slow for all passes; only differences in a round count."""
+    results = made_up(bench, "llvm_ad_rgb")
+    times = results["times"]
+    slow = [1 + (r % 3 == 0) for r in range(9)]
+    noise = [0.1 * (-1) ** r for r in range(9)]
+
+    def rows() -> dict[str, str]:
+        lines = [line.split("|") for line in bench.comparisons(times).splitlines()[2:]]
+        return {line[1].strip(): line[3].strip() for line in lines}
+
+    schlick, four = bench.UNIFORM
+    _, _, maps, rg = (times[name] for name in (schlick, four, "four terms, textured", bench.RG))
+    _, _, two_channels, four_channels = (times[name] for name in bench.PARTS)
+    for i, s in enumerate(slow):
+        times[schlick][i], times[four][i] = 3.0 * s, (3.7 + noise[i]) * s
+        two_channels[i], four_channels[i] = 2.0 * s, 2.7 * s
+        maps[i], rg[i] = 5.0 * s, 4.0 * s
+    found = rows()
+    assert found["table: four channels, not two"] == "dearer"
+    assert found["coefficients and sum: four terms, not two; uniform"] == "undecided"
+    assert found["(r, g) in two maps, not coefficients in three"] == "cheaper"
+    rg[:] = [6.0 * s for s in slow]
+    assert rows()["(r, g) in two maps, not coefficients in three"] == "dearer"
+    assert bench.comparisons(times) in bench.report(results)
 
 
 def test_scalar_variants_are_refused(bench: Any) -> None:
@@ -210,14 +300,24 @@ def test_scalar_variants_are_refused(bench: Any) -> None:
         bench.bench.main(["--variant", "scalar_rgb"], standalone_mode=False)
 
 
-def test_throw_away_numbers_stay_out_of_the_pages(bench: Any, llvm: None) -> None:
+def test_throw_away_numbers_stay_out_of_the_repository(
+    bench: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """In a copy, so that a failure does no harm."""
     from fresnel_decomp import InputError
 
-    common = ["--quick", "--variant", "llvm_ad_rgb"]
-    with pytest.raises(InputError, match="--quick with --page"):
-        bench.bench.main([*common, "--page", str(PAGE)], standalone_mode=False)
-    with pytest.raises(InputError, match="--quick with a size"):
-        bench.bench.main([*common, "--width", "32"], standalone_mode=False)
+    assert PAGE.is_relative_to(bench.ROOT)
+    monkeypatch.setattr(bench, "ROOT", tmp_path)
+    page, picture = tmp_path / "README.md", tmp_path / "docs" / "figures" / "screen_pass.png"
+    page.write_text("".join("".join(marks) for marks in bench.MARKS.values()), encoding="utf-8")
+    common = ["--quick", "--variant", "llvm_ad_rgb", "--out", str(tmp_path / "out")]
+    for option, path in (("--page", page), ("--figure", picture)):
+        with pytest.raises(InputError, match=f"--quick with {option}"):
+            bench.bench.main([*common, option, str(path)], standalone_mode=False)
+    for size in (["--width", "32"], ["--height", "18"]):
+        with pytest.raises(InputError, match="--quick with a size"):
+            bench.bench.main([*common, *size], standalone_mode=False)
+    assert not (tmp_path / "out").exists()
 
 
 def test_page_says_which_numbers_are_which() -> None:
@@ -229,6 +329,17 @@ def test_page_says_which_numbers_are_which() -> None:
     assert "1280 × 720" in part
     assert "llvm_ad_rgb" in part
     assert " ms" not in part
+
+
+def test_page_draws_no_conclusion_of_its_own(bench: Any) -> None:
+    """Every comparison that the script makes is on the page, with its verdict."""
+    made = bench.comparisons(made_up(bench, "llvm_ad_rgb")["times"]).splitlines()[2:]
+    page = PAGE.read_text(encoding="utf-8").splitlines()
+    for line in made:
+        (quoted,) = (other for other in page if other.split("|")[1:2] == line.split("|")[1:2])
+        number, word = (cell.strip() for cell in quoted.split("|")[2:4])
+        more, half = (float(part) for part in number.split("±"))
+        assert word == bench.direction(more, half)
 
 
 @pytest.mark.slow
