@@ -119,13 +119,16 @@ def eval_result(plugin: Any, n: int = 4096) -> Callable[[bool], Any]:
     return lambda attached: plugin.eval(mi.BSDFContext(), si, wo)
 
 
-def scene_with(bsdf: dict[str, Any]) -> Any:
+PRB = {"type": "prb", "max_depth": 3, "rr_depth": 10}
+
+
+def scene_with(bsdf: dict[str, Any], integrator: dict[str, Any] = PRB) -> Any:
     look = mi.ScalarTransform4f().look_at
     film = {"type": "hdrfilm", "width": 16, "height": 16, "rfilter": {"type": "box"}}
     return mi.load_dict(
         {
             "type": "scene",
-            "integrator": {"type": "prb", "max_depth": 3, "rr_depth": 10},
+            "integrator": integrator,
             "sensor": {
                 "type": "perspective",
                 "to_world": look([0, -4, 2], [0, 0, 0], [0, 0, 1]),
