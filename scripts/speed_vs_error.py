@@ -57,8 +57,8 @@ def readme_texts(about: dict[str, Any], rows: list[dict[str, Any]]) -> dict[str,
     from fresnel_decomp.report import bench_tables as tables
 
     figure = f"![Cost against error of Fresnel models](docs/figures/{STEM}.png)"
-    parts = [figure, tables.about_line(about), tables.recipe_table(rows)]
-    return {"speed against error": "\n\n".join(parts)}
+    parts = [figure, tables.about_line(about), tables.caution(rows), tables.recipe_table(rows)]
+    return {"speed against error": "\n\n".join(part for part in parts if part)}
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})

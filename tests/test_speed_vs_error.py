@@ -96,6 +96,28 @@ def test_front_leaves_out_what_is_not_known():
         pareto_front([1.0], [])
 
 
+def made_up_row(model: str, form: str, errors: float, built_in_ns: float) -> dict[str, Any]:
+    row: dict[str, Any] = {"model": model, "form": form, **dict.fromkeys(tables.ERRORS, errors)}
+    return row | {f"{kind}_built_in_ns": built_in_ns for kind in tables.KINDS}
+
+
+def test_a_machine_that_was_not_quiet_is_said():
+    quiet = [made_up_row("a", "closed form", 0.1, ns) for ns in (2.0, 2.9)]
+    assert tables.caution(quiet) == ""
+    busy = [*quiet, made_up_row("b", "closed form", 0.1, 8.0)]
+    assert set(tables.drift(busy).values()) == {4.0}
+    assert "up to 4.0 times" in tables.caution(busy)
+
+
+def test_accuracy_is_counted_error_by_error():
+    built_in = made_up_row(tables.BUILT_IN, "formula", 0.2, 1.0) | {"d_max": 1e-6}
+    forms = [made_up_row(str(e), "closed form", e, 1.0) for e in (0.1, 0.15, 0.3)]
+    rows = {row["model"]: row for row in (built_in, *forms)}
+    said = tables._accuracy(forms, rows)
+    assert "largest error: 0 of 3" in said
+    assert "mean ΔE00: 2 of 3" in said
+
+
 def test_rows_are_complete(measured):
     _, result = measured
     assert [row["model"] for row in result.rows] == ["mi.fresnel_conductor", *FEW]

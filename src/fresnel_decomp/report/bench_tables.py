@@ -25,9 +25,11 @@ __all__ = [
     "LIMITS",
     "about_line",
     "budget_table",
+    "caution",
     "cost_slack",
     "cost_table",
     "document",
+    "drift",
     "error_table",
     "front",
     "read_csv",
@@ -67,6 +69,9 @@ LIMITS = {
 LIMITS |= {"bytes": (16, 64, 128, 256, 1024), "operations": (10, 25, 50, 75, 100)}
 
 BUILT_IN = "mi.fresnel_conductor"
+
+STEADY = 1.5
+"""Times the built-in's shortest time that its longest may take on a quiet machine."""
 
 
 def cost_slack(rows: Sequence[Row], cost: str) -> float:
@@ -209,8 +214,7 @@ def verdicts(rows: Sequence[Row]) -> str:
     by_name = {row["model"]: row for row in rows}
     closed = [row for row in rows if row["form"] == "closed form"]
     tables = [row for row in rows if row["form"] == "table"]
-    said: list[str] = []
-    said.append(_noise(rows))
+    said = [text for text in (caution(rows), _noise(rows)) if text]
     if closed:
         parts = []
         for kind in KINDS:
@@ -223,8 +227,7 @@ def verdicts(rows: Sequence[Row]) -> str:
         said.append(
             "**Closed forms against the exact built-in.** So many take less time than it: "
             + ";\n  ".join(parts)
-            + ". Point by point the built-in is also more accurate than any of them: what does not "
-            "take less is of use only where reflectance is integrated ahead of time."
+            + f". {_accuracy(closed, by_name)}"
         )
     for count in sorted({row["terms"] for row in closed}):
         timed = [row for row in closed if row["terms"] == count]
@@ -280,6 +283,45 @@ def verdicts(rows: Sequence[Row]) -> str:
             f"**Not in the plugin**, so without times of a BSDF and a picture: {_listed(missing)}."
         )
     return "\n".join(f"- {text}" for text in said)
+
+
+def _accuracy(closed: Sequence[Row], by_name: dict[str, Row]) -> str:
+    """How many closed forms are nearer to the measured materials than the built-in, by error."""
+    built_in = by_name.get(BUILT_IN)
+    if built_in is None:
+        return ""
+    counts = []
+    for error, name in ERRORS.items():
+        nearer = sum(row[error] < built_in[error] for row in closed if row[error] is not None)
+        counts.append(f"{name}: {nearer} of {len(closed)}")
+    return (
+        f"Nearer than it to the measured materials are, by {'; by '.join(counts)}. For colour the "
+        "built-in has one index per channel, closed forms the integrated spectrum."
+    )
+
+
+def drift(rows: Sequence[Row]) -> dict[str, float]:
+    """The built-in's slowest time over its fastest, by kind, over the groups of the run."""
+    found = {}
+    for kind in KINDS:
+        column = f"{kind}_built_in_ns"
+        times = [row[column] for row in rows if row.get(column) is not None]
+        if times:
+            found[kind] = max(times) / min(times)
+    return found
+
+
+def caution(rows: Sequence[Row]) -> str:
+    """A paragraph where the machine was not quiet, else nothing."""
+    worst = max(drift(rows).values(), default=1.0)
+    if worst <= STEADY:
+        return ""
+    return (
+        "**The machine was not quiet**: in this run the built-in itself took up to "
+        f"{worst:.1f} times its shortest time. Short and long kernels suffer differently, so "
+        "ratios of times are biased, most for the fastest models. Errors, bytes and operations "
+        "are not affected."
+    )
 
 
 def _noise(rows: Sequence[Row]) -> str:
