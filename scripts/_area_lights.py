@@ -76,7 +76,7 @@ def table(recipe: str) -> AlbedoTable:
 @functools.cache
 def material_of(name: str, alpha: float, model: str) -> AreaMaterial:
     """By a recipe's table, or by the exact curve, integrated; 'white' reflects all."""
-    from fresnel_decomp.mitsuba.split_sum import integrated_albedo
+    from fresnel_decomp.split_albedo import integrated_albedo
 
     def white(mu: Any, roughness: Any) -> Any:
         return table("talk").lookup(mu, roughness)[0]
@@ -253,7 +253,7 @@ def ratio(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def compute(job: Job) -> dict[str, Any]:
     """Render everything that is not there yet, and compare."""
-    from fresnel_decomp.mitsuba.comparison import variant_scope  # imports the renderer
+    from fresnel_decomp.mitsuba.variants import variant_scope  # imports the renderer
 
     with variant_scope(job.settings["variant"]):
         study = Study(job)

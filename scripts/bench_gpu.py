@@ -114,8 +114,8 @@ def base_of(name: str) -> str:
 
 def prefiltered_city(width: int, levels: int) -> Any:
     """The prefiltered city with all maps of one size, as the layers of a texture have it."""
-    from fresnel_decomp.mitsuba.environment import city
     from fresnel_decomp.mitsuba.prefilter import PrefilteredLight, blurred
+    from fresnel_decomp.mitsuba.skies import city
 
     source = city(width)
     roughness = [(i / (levels - 1)) ** 2 for i in range(1, levels)]

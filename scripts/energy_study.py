@@ -136,17 +136,13 @@ def pictures(job: Job) -> dict[str, Any]:
     """Gold spheres by all kinds, and how far they are apart."""
     import mitsuba as mi
 
-    from fresnel_decomp.mitsuba.comparison import conductor_bsdf, render_scene, variant_scope
-    from fresnel_decomp.mitsuba.environment import city
+    from fresnel_decomp.mitsuba.comparison import conductor_bsdf, render_scene
     from fresnel_decomp.mitsuba.prefilter import prefilter
     from fresnel_decomp.mitsuba.scenes import lit_object
-    from fresnel_decomp.mitsuba.split_sum import (
-        SplitAlbedo,
-        SplitMaterial,
-        compensated_albedo,
-        render_split_sum,
-        visible_surface,
-    )
+    from fresnel_decomp.mitsuba.skies import city
+    from fresnel_decomp.mitsuba.split_sum import SplitMaterial, render_split_sum, visible_surface
+    from fresnel_decomp.mitsuba.variants import variant_scope
+    from fresnel_decomp.split_albedo import SplitAlbedo, compensated_albedo
 
     size, spp, seed = (job.settings[name] for name in ("size", "spp", "seed"))
     basis = load_basis()
@@ -239,9 +235,9 @@ def compute(job: Job) -> dict[str, Any]:
 
 def operations(variant: str) -> dict[str, int]:
     """Floating-point operations of a split-sum albedo in three channels, fetch included."""
-    from fresnel_decomp.mitsuba.comparison import variant_scope
     from fresnel_decomp.mitsuba.operations import count_operations
-    from fresnel_decomp.mitsuba.split_sum import SplitAlbedo, compensated_albedo
+    from fresnel_decomp.mitsuba.variants import variant_scope
+    from fresnel_decomp.split_albedo import SplitAlbedo, compensated_albedo
 
     if variant.startswith("scalar"):
         return {}

@@ -156,7 +156,7 @@ def curve_error(values: Values, basis: Any, fresnel: str, exact: np.ndarray) -> 
 
 
 def compute(job: Job) -> dict[str, Any]:
-    from fresnel_decomp.mitsuba.comparison import variant_scope
+    from fresnel_decomp.mitsuba.variants import variant_scope
 
     quick = bool(job.settings.get("quick"))
     size, spp = job.settings["size"], 16 if quick else SPP

@@ -273,8 +273,8 @@ PLUGINS: dict[str, dict[str, Any]] = {
 
 def costs(variant: str, quick: bool) -> dict[str, dict[str, list[float]]]:
     """Ratio to Mitsuba's principled and its spread: of `eval`, `sample` and whole renders."""
-    from fresnel_decomp.mitsuba.comparison import variant_scope
     from fresnel_decomp.mitsuba.timing import kernel_times, ratio_and_spread
+    from fresnel_decomp.mitsuba.variants import variant_scope
 
     look = {"base_color": rgb(COPPER), "metallic": 0.5, "roughness": 0.5}
     bsdfs = {name: {**bsdf, **look} for name, bsdf in PLUGINS.items()}

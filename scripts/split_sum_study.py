@@ -179,7 +179,7 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def draw(folder: Path, pictures: Path) -> None:
-    from fresnel_decomp.mitsuba.comparison import variant_scope  # imports the renderer
+    from fresnel_decomp.mitsuba.variants import variant_scope  # imports the renderer
 
     sidecar = read_sidecar(NAME, folder)
     results = sidecar["results"]

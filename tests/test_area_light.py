@@ -326,7 +326,7 @@ def test_input_that_is_refused(gold: AreaMaterial) -> None:
 
 @pytest.fixture
 def vectorised() -> Iterator[None]:
-    from fresnel_decomp.mitsuba.comparison import variant_scope
+    from fresnel_decomp.mitsuba.variants import variant_scope
 
     best = doctor.best_variant()
     if best.startswith("scalar"):
@@ -343,7 +343,8 @@ def test_pictures_are_those_of_mitsuba(vectorised: None, shape) -> None:
 
     from fresnel_decomp.mitsuba.area_light import LitMaterial, lit_by_area, render_area_light
     from fresnel_decomp.mitsuba.comparison import conductor_bsdf, render_scene
-    from fresnel_decomp.mitsuba.split_sum import integrated_albedo, visible_surface
+    from fresnel_decomp.mitsuba.split_sum import visible_surface
+    from fresnel_decomp.split_albedo import integrated_albedo
 
     light = AreaLight(shape, [0, 0.8, -1.2], [0.8, 0, 0], [0, 0.55, 0], radiance=[6.0, 5.0, 4.0])
     bsdf = conductor_bsdf(ETA, K, alpha=0.3, distribution="ggx")

@@ -13,7 +13,7 @@ from fresnel_decomp import InputError, load_basis
 from fresnel_decomp.energy import lobe, missing
 from fresnel_decomp.mitsuba import register
 from fresnel_decomp.mitsuba.compensation import _energy_table
-from fresnel_decomp.mitsuba.split_sum import compensated_albedo
+from fresnel_decomp.split_albedo import compensated_albedo
 from test_conductor import (
     BE,
     COLOURS,

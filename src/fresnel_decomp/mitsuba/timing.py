@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from .._check import choose, input_error
-from .comparison import variant_scope
 from .scenes import load_scene
+from .variants import variant_scope
 
 __all__ = ["Timing", "interleaved_times", "kernel_times", "ratio_and_spread"]
 

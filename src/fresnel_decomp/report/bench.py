@@ -159,7 +159,7 @@ def run(
     """
     settings.check()
     target = writable_folder(Path(folder) / "models")
-    from ..mitsuba.comparison import variant_scope
+    from ..mitsuba.variants import variant_scope
 
     with variant_scope(settings.variant):
         from ..machine import machine_facts
