@@ -41,7 +41,6 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-import fresnel_decomp
 from _markdown import insert, markdown
 from _screen_pass import (
     FETCHES,
@@ -62,7 +61,7 @@ from fresnel_decomp._check import input_error
 from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import writable_folder, write_json
 from fresnel_decomp.images import delta_e, display, nrmse
-from fresnel_decomp.machine import graphics_card, processor
+from fresnel_decomp.machine import graphics_card, processor, source_hash
 from fresnel_decomp.report import style
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -407,12 +406,7 @@ def sources() -> str:
 
     Texts of the report are not in it, so a page can be written again from finished rounds.
     """
-    package = Path(fresnel_decomp.__file__).parent
-    found = hashlib.sha256()
-    for path in sorted(package.rglob("*")):
-        if path.is_file() and path.suffix != ".pyc":
-            found.update(f"{path.relative_to(package).as_posix()}\0".encode())
-            found.update(hashlib.sha256(path.read_bytes()).digest())
+    found = hashlib.sha256(source_hash().encode())
     found.update(Path(__file__).with_name("_screen_pass.py").read_bytes())
     for function in (prefiltered_city, measure, _milliseconds):
         found.update(inspect.getsource(function).encode())
