@@ -14,24 +14,18 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 
-import _figure
 from _figure import (
-    DATA,
-    PICTURES,
-    QUICK_DATA,
     Figure,
     Job,
     main,
     read_sidecar,
     read_table,
-    say_if_reduced,
-    shown,
+    study,
     write_table,
 )
-from _markdown import insert, markdown
+from _markdown import markdown
 from _page import Page
 from fresnel_decomp import AlbedoTable, conductor, directional_albedo, load_basis, load_material
 from fresnel_decomp.energy import EnergyTable, fdez_aguera, kulla_conty, missing, turquin
@@ -406,29 +400,8 @@ FIGURE = Figure(
 )
 
 
-@click.command(help=f"{FIGURE.title}.", context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--quick", is_flag=True, help="Few paths, tiny images.")
-@click.option("--force", is_flag=True, help="Compute again what is finished.")
-@click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for data and pictures.")
-@click.option("--page", type=click.Path(path_type=Path), help="Replace the tables of a page.")
-def study(
-    quick: bool, force: bool, variant: str | None, out: Path | None, page: Path | None
-) -> None:
-    """Compute what is missing, draw, and print the tables."""
-    data = out or (QUICK_DATA if quick else DATA)
-    say_if_reduced(variant)
-    folder = data / NAME
-    seconds = _figure.compute(FIGURE, folder, quick=quick, force=force, variant=variant)
-    state = "was finished" if seconds is None else f"took {seconds:.0f} s"
-    click.echo(f"{NAME} {state}: {shown(folder)}")
-    for path in _figure.draw(FIGURE, folder, data if out or quick else PICTURES):
-        click.echo(f"Wrote {shown(path)}")
-    text = report(read_sidecar(NAME, folder)["results"])
-    click.echo(text)
-    if page is not None:
-        insert(page, text, MARKS)
+command = study(FIGURE, lambda results: {"study": report(results)}, {"study": MARKS})
 
 
 if __name__ == "__main__":
-    main(study)
+    main(command)

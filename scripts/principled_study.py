@@ -12,23 +12,17 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 
-import _figure
 import metal_edge
 from _figure import (
-    DATA,
-    PICTURES,
-    QUICK_DATA,
     Figure,
     Job,
     main,
     read_sidecar,
-    say_if_reduced,
-    shown,
+    study,
 )
-from _markdown import insert, markdown, page_with
+from _markdown import markdown
 from _page import GREY, Page
 from fresnel_decomp import (
     F82,
@@ -659,35 +653,8 @@ FIGURE = Figure(
 )
 
 
-@click.command(help=f"{FIGURE.title}.", context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--quick", is_flag=True, help="Tiny images, to see that everything runs.")
-@click.option("--force", is_flag=True, help="Compute again what is finished.")
-@click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
-@click.option("--page", type=page_with(*MARKS.values()), help="Replace the tables of a page.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Folder for data and pictures.  [default: out/figures and docs/figures; "
-    "with --quick out/figures-quick]",
-)
-def study(
-    quick: bool, force: bool, variant: str | None, page: Path | None, out: Path | None
-) -> None:
-    """Compute what is missing, draw, and print the tables."""
-    data = out or (QUICK_DATA if quick else DATA)
-    say_if_reduced(variant)
-    folder = data / NAME
-    seconds = _figure.compute(FIGURE, folder, quick=quick, force=force, variant=variant)
-    state = "was finished" if seconds is None else f"took {seconds:.0f} s"
-    click.echo(f"{NAME} {state}: {shown(folder)}")
-    for path in _figure.draw(FIGURE, folder, data if out or quick else PICTURES):
-        click.echo(f"Wrote {shown(path)}")
-    texts = tables(read_sidecar(NAME, folder)["results"]) | metal_edge.tables()
-    for name, text in texts.items():
-        click.echo(f"\n{text}")
-        if page is not None:
-            insert(page, text, MARKS[name])
+command = study(FIGURE, lambda results: tables(results) | metal_edge.tables(), MARKS)
 
 
 if __name__ == "__main__":
-    main(study)
+    main(command)
