@@ -9,6 +9,7 @@ Interrupt it when you like: finished images are kept, and the same command goes 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -295,6 +296,8 @@ def alone_times(
     import drjit as dr
     import mitsuba as mi
 
+    from fresnel_decomp.mitsuba.timing import interleaved_times
+
     if str(mi.variant()).startswith("scalar"):
         return {}
     sampler = mi.PCG32(size=points)
@@ -308,22 +311,21 @@ def alone_times(
     dr.eval(si, wo, lobe, place)
     ctx = mi.BSDFContext()
     plugins = {name: mi.load_dict(bsdf) for name, bsdf in bsdfs.items()}
+
+    def run(call: Callable[[Any], Any], plugin: Any) -> None:
+        dr.eval(call(plugin))
+
     methods: dict[str, Callable[[Any], Any]] = {
         "eval": lambda plugin: plugin.eval(ctx, si, wo, True),
         "sample": lambda plugin: plugin.sample(ctx, si, lobe, place, True),
     }
-    times: dict[str, dict[str, list[float]]] = {m: {n: [] for n in bsdfs} for m in methods}
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        for run in range(-2, runs):
-            for method, call in methods.items():
-                for name in list(plugins)[:: -1 if run % 2 else 1]:
-                    dr.kernel_history_clear()
-                    dr.eval(call(plugins[name]))
-                    dr.sync_thread()
-                    if run >= 0:
-                        kernels = dr.kernel_history([dr.KernelType.JIT])
-                        times[method][name].append(sum(k["execution_time"] for k in kernels))
-    return times
+    return interleaved_times(
+        {
+            method: {name: partial(run, call, plugin) for name, plugin in plugins.items()}
+            for method, call in methods.items()
+        },
+        runs,
+    )
 
 
 # --- pictures ------------------------------------------------------------------------------------
@@ -378,8 +380,7 @@ def textured(folder: Path) -> dict[str, Any]:
     textures = {}
     for name, image in images.items():
         path = folder / f"texture_{name}.exr"
-        if not path.is_file():
-            write_exr(path, image.astype(np.float32))
+        write_exr(path, image.astype(np.float32))  # also over that of an older version
         textures[name] = {"type": "bitmap", "filename": str(path), "raw": True}
     return ours(**textures)
 

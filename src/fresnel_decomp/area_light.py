@@ -81,7 +81,8 @@ class AreaLight:
     Raises
     ------
     InputError
-        For other shapes, and for vectors without three components.
+        For other shapes, and for vectors without three components or, unless they are Dr.Jit's,
+        that are not finite.
 
     Examples
     --------
@@ -100,7 +101,14 @@ class AreaLight:
     def __post_init__(self) -> None:
         choose("shape", self.shape, _SHAPES)
         for name in ("centre", "u", "v"):
-            object.__setattr__(self, name, _triple(name, getattr(self, name)))
+            vector = _triple(name, getattr(self, name))
+            object.__setattr__(self, name, vector)
+            if not is_drjit(*vector) and not all(np.isfinite(part).all() for part in vector):
+                raise input_error(
+                    f"{name}={[np.asarray(part).tolist() for part in vector]}",
+                    "finite numbers",
+                    "A light's vectors are those to its centre and along its two half axes.",
+                )
         radiance = self.radiance
         if not is_drjit(radiance) and np.ndim(radiance) == 0:
             radiance = (radiance,) * 3
