@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from _figure import Job
-from fresnel_decomp import AlbedoTable, Exact, load_basis
+from fresnel_decomp import AlbedoTable, Basis, Exact, load_basis
 from fresnel_decomp.area_light import CORRECTIONS, AreaLight, AreaMaterial
 from fresnel_decomp.images import nrmse, read_exr, read_exr_attributes, write_exr
 from fresnel_decomp.ltc import load_lobes
@@ -68,9 +68,15 @@ def subject(material: str) -> Subject:
     return from_indices([1.5], [0.0]) if material == "plastic" else from_material(material)
 
 
+def basis_of(model: str) -> Basis:
+    """The basis that a model names: a recipe, and unless there are four, its terms: balanced-5."""
+    recipe, _, terms = model.partition("-")
+    return load_basis(recipe, int(terms or 4))
+
+
 @functools.cache
-def table(recipe: str) -> AlbedoTable:
-    return AlbedoTable.bake(load_basis(recipe), TABLE_SIZE)
+def table(model: str) -> AlbedoTable:
+    return AlbedoTable.bake(basis_of(model), TABLE_SIZE)
 
 
 @functools.cache
@@ -85,8 +91,9 @@ def material_of(name: str, alpha: float, model: str) -> AreaMaterial:
         return AreaMaterial(lambda mu, roughness: (white(mu, roughness),) * 3)
     eta, k = subject(name).eta, subject(name).k
     if model != "exact":
-        coefficients = load_basis(model).coefficients(eta, k)
-        return AreaMaterial.from_table(table(model), np.broadcast_to(coefficients, (3, 4)))
+        coefficients = np.atleast_2d(basis_of(model).coefficients(eta, k))
+        rows = np.broadcast_to(coefficients, (3, coefficients.shape[-1]))
+        return AreaMaterial.from_table(table(model), rows)
     curve = Exact(np.broadcast_to(eta, 3), np.broadcast_to(k, 3))
     smooth = integrated_albedo(curve, 0.0)
     return AreaMaterial(integrated_albedo(curve, alpha), lambda c: smooth(c, 0.0), white)
