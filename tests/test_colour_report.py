@@ -249,7 +249,7 @@ def test_mitsuba_indices_are_mitsubas(scripts) -> None:
     [
         (("--illuminants", "D56"), "Did you mean"),
         (("--only", "Goldd"), "Did you mean 'Au'"),
-        (("--page", "{page}"), "without the lines"),
+        (("--page", "{page}"), "without a place"),
     ],
 )
 def test_report_refuses(arguments, message, scripts, tmp_path: Path, capsys) -> None:

@@ -153,6 +153,9 @@ def _key(fig: Any, axes: Any, rows: Sequence[Row], note: str) -> None:
     )  # fmt: skip
 
 
+_Segment = tuple[tuple[float, float], tuple[float, float]]
+
+
 class _Point(NamedTuple):
     row: Row
     x: float
@@ -194,10 +197,9 @@ def _panel(axes: Any, rows: Sequence[Row], cost: str, error: str) -> None:
         axes.plot(
             point.x, point.y, color=_FRONT, marker="o", mfc="none", ms=11, mew=1.4, lw=0, zorder=2.9
         )
-    for point in best:
-        _spread(axes, point, cost)
+    bars = [bar for point in best if (bar := _spread(axes, point, cost))]
     _ticks(axes, cost)
-    _Labels(axes, points, steps).write(best, points)
+    _Labels(axes, points, [*itertools.pairwise(steps), *bars]).write(best, points)
 
 
 def _is_exact(row: Row) -> bool:
@@ -240,17 +242,16 @@ def _mark(axes: Any, point: _Point, strong: bool, pale: bool) -> None:
         )  # fmt: skip
 
 
-def _spread(axes: Any, point: _Point, cost: str) -> None:
+def _spread(axes: Any, point: _Point, cost: str) -> _Segment | None:
     """Half the distance between quartiles, to either side."""
     spread = point.row.get(cost.replace("_ratio", "_spread")) if cost.endswith("_ratio") else None
     if not spread:
-        return
+        return None
     low, high = axes.get_xlim()
     colour = style.RECIPE_COLOURS.get(point.row["family"], _INK)
-    axes.plot(
-        [max(point.x - spread, low), min(point.x + spread, high)], [point.y, point.y],
-        color=colour, lw=1.1, zorder=3.1, solid_capstyle="butt",
-    )  # fmt: skip
+    ends = (max(point.x - spread, low), point.y), (min(point.x + spread, high), point.y)
+    axes.plot(*zip(*ends, strict=True), color=colour, lw=1.1, zorder=3.1, solid_capstyle="butt")
+    return ends
 
 
 def _stairs(axes: Any, best: Sequence[_Point], **look: Any) -> list[tuple[float, float]]:
@@ -281,7 +282,7 @@ class _Labels:
     """Names beside marks, off all lines, marks and other names; in points from the corner."""
 
     def __init__(
-        self, axes: Any, points: Sequence[_Point], steps: Sequence[tuple[float, float]]
+        self, axes: Any, points: Sequence[_Point], segments: Sequence[_Segment]
     ) -> None:
         self.axes, self.unit = axes, 72.0 / axes.figure.dpi
         bounds = axes.get_window_extent()
@@ -292,11 +293,11 @@ class _Labels:
              0.25 if p.row["form"] == "table" else 1.0)
             for p in points
         ]  # fmt: skip
-        corners = [self.points(corner) for corner in steps]
+        ends = [(self.points(a), self.points(b)) for a, b in segments]
         self.lines: list[Box] = [
             (min(a[0], b[0]) - 2.5, min(a[1], b[1]) - 2.5, max(a[0], b[0]) + 2.5,
              max(a[1], b[1]) + 2.5)
-            for a, b in itertools.pairwise(corners)
+            for a, b in ends
         ]  # fmt: skip
         self.taken: list[Box] = []
 

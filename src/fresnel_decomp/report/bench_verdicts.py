@@ -168,10 +168,10 @@ def _f82(rows: Sequence[Row], closed: Sequence[Row]) -> list[str]:
     worse = [row["model"] for row in closed if row["d_rmse"] >= f82["d_rmse"]]
     operations = f" and {f82['operations']} operations" if f82.get("operations") else ""
     return [
-        f"**F82** takes {f82['compute_ratio']:.2f} of the built-in compute-bound{operations}; "
-        f"{len(less) or 'none'} of the closed forms take{'s' * (len(less) == 1)} less, "
-        f"{len(same) or 'none'} {'is' if len(same) == 1 else 'are'} no different. No dearer and "
-        f"as accurate: {listed(both) if both else 'none'}. Its RMSE on measured materials is "
+        f"**F82** takes {f82['compute_ratio']:.2f} of the built-in compute-bound{operations}. Of "
+        f"the {len(closed)} closed forms {len(less)} take less, {len(same)} are no different; no "
+        f"dearer and at least as accurate: {listed(both) if both else 'none'}. Its RMSE on "
+        "measured materials is "
         f"{error_text(f82['d_rmse'])}; "
         + (f"that of {listed(worse)} is no lower." if worse else "all of ours are lower.")
     ]
