@@ -281,9 +281,7 @@ Box = tuple[float, float, float, float]
 class _Labels:
     """Names beside marks, off all lines, marks and other names; in points from the corner."""
 
-    def __init__(
-        self, axes: Any, points: Sequence[_Point], segments: Sequence[_Segment]
-    ) -> None:
+    def __init__(self, axes: Any, points: Sequence[_Point], segments: Sequence[_Segment]) -> None:
         self.axes, self.unit = axes, 72.0 / axes.figure.dpi
         bounds = axes.get_window_extent()
         self.frame: Box = tuple(v * self.unit for v in bounds.extents)
