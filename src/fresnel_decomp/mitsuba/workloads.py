@@ -15,7 +15,6 @@ import mitsuba as mi
 
 __all__ = [
     "BERYLLIUM",
-    "PICTURE_DEPTH",
     "UNROLL",
     "Picture",
     "Run",
@@ -87,7 +86,7 @@ def bsdf_evaluation(bsdf: Any, si: Any, wo: Any) -> Run:
     return lambda: dr.eval(bsdf.eval(mi.BSDFContext(), si, wo, True))
 
 
-PICTURE_DEPTH = 5
+_PICTURE_DEPTH = 5
 """Path vertices, `max_depth` of the integrator: up to four reflections by conductors."""
 
 
@@ -125,8 +124,8 @@ def picture(bsdf: Mapping[str, Any], size: int, spp: int, seed: int = 0) -> Pict
             "type": "scene",
             "integrator": {
                 "type": "path",
-                "max_depth": PICTURE_DEPTH,
-                "rr_depth": PICTURE_DEPTH + 1,
+                "max_depth": _PICTURE_DEPTH,
+                "rr_depth": _PICTURE_DEPTH + 1,
             },
             "sensor": {"type": "perspective", "fov": 40, "to_world": view, "film": film},
             "floor": {"type": "rectangle", "to_world": scale, "bsdf": material},

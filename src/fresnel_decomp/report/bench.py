@@ -113,8 +113,7 @@ class Settings:
                     if name == "rounds"
                     else "Leave it out for the default.",
                 )
-        if self.variant not in doctor.usable_variants():
-            doctor.require_variant(self.variant)  # says what there is
+        doctor.require_variant(self.variant)
         if self.variant.startswith("scalar"):
             raise input_error(
                 f"variant '{self.variant}'",
@@ -123,7 +122,6 @@ class Settings:
             )
         if not self.variant.endswith("_rgb"):
             raise input_error(f"variant '{self.variant}'", "one with RGB", "Try llvm_ad_rgb.")
-        doctor.require_variant(self.variant)
 
 
 _SIZES = ("points", "elements", "turns", "bsdf_points", "size", "spp", "thin")
