@@ -153,8 +153,8 @@ else:
 # The route "gradient" descends on the parameters with derivatives from Mitsuba's `prb` integrator.
 # It is quasi-Newton descent (L-BFGS-B). On node colours that is linear least squares, slowly. On
 # (eta, k) with the exact equations the landscape is bent: from a start far away, descent can end in
-# a valley from which no way leads down, though the metal is elsewhere. All three see the same single
-# image.
+# a valley from which no way leads down, though the metal is elsewhere. All three see the same
+# single image.
 
 # %%
 if fast:
