@@ -238,19 +238,19 @@ for name, result in results.items():
 # %%
 sphere = fd.mitsuba.preview.SpherePreview(96)
 table = fd.AlbedoTable.bake(basis)
-SplitAlbedo = fd.mitsuba.split_sum.SplitAlbedo
+SplitAlbedo = fd.split_albedo.SplitAlbedo
 
 
 def panel(c: np.ndarray, alpha: float, exact: fd.Exact | fd.Gulbrandsen | None = None):
     """Curves and spheres of four coefficients per channel, of Schlick's curve and the exact one."""
     curves = {"schlick": fd.Schlick(c[:, 0]), "decomposition": fd.Decomposition(c, basis)}
     albedos = {
-        "schlick": fd.mitsuba.split_sum.schlick_albedo(c[:, 0]),
+        "schlick": fd.split_albedo.schlick_albedo(c[:, 0]),
         "decomposition": SplitAlbedo(table, c),
     }
     if exact is not None:
         curves["exact"] = exact
-        albedos["exact"] = fd.mitsuba.split_sum.integrated_albedo(exact, alpha, cosines=65)
+        albedos["exact"] = fd.split_albedo.integrated_albedo(exact, alpha, cosines=65)
     names = [name for name in ("exact", "decomposition", "schlick") if name in curves]
     spheres = {name: sphere(albedos[name], alpha) for name in names}
     fig = style.figure(9.0, 2.6, layout="constrained")

@@ -236,7 +236,7 @@ truth = np.stack(
         for e, x in zip(eta, k, strict=True)
     ]
 )
-schlick = fd.mitsuba.split_sum.schlick_albedo(fd.f0_from_ior(eta, k))
+schlick = fd.split_albedo.schlick_albedo(fd.f0_from_ior(eta, k))
 found = {
     "table, 4 terms": table.lookup(mu[:512], alpha[:512]) @ c.T,
     "table, Schlick": schlick(mu[:512], alpha[:512]),

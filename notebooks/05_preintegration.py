@@ -134,7 +134,7 @@ plt.show()
 # is a small made-up city; its blurred maps have no noise because the blur is a convolution.
 
 # %%
-light = fd.mitsuba.prefilter.prefilter(fd.mitsuba.environment.city(128), levels=13)
+light = fd.mitsuba.prefilter.prefilter(fd.mitsuba.skies.city(128), levels=13)
 levels = (0, 3, 6, 9)
 alphas = light.alphas[list(levels)]
 show({f"$\\alpha$ = {a:.2f}": light.levels[i] for i, a in zip(levels, alphas, strict=True)})
@@ -149,11 +149,11 @@ sphere = fd.mitsuba.preview.SpherePreview(128, light)
 split_sum = fd.mitsuba.split_sum
 eta, k = fd.load_material("Au").rgb_indices()
 models = {
-    "four terms": split_sum.SplitAlbedo(table, basis.coefficients(eta, k)),
-    "Schlick": split_sum.schlick_albedo(fd.f0_from_ior(eta, k)),
+    "four terms": fd.split_albedo.SplitAlbedo(table, basis.coefficients(eta, k)),
+    "Schlick": fd.split_albedo.schlick_albedo(fd.f0_from_ior(eta, k)),
 }
 for alpha in (0.05, 0.2, 0.5):
-    exact = split_sum.integrated_albedo(fd.Exact(eta, k), alpha, cosines=257)
+    exact = fd.split_albedo.integrated_albedo(fd.Exact(eta, k), alpha, cosines=257)
     images = {f"exact, α = {alpha}": sphere(exact, alpha)}
     images |= {name: sphere(albedo, alpha) for name, albedo in models.items()}
     reference, *others = images.values()
@@ -176,7 +176,7 @@ def metal(r_red: float, r_green: float, r_blue: float, beta: float, alpha: float
     c = fd.LinearTint(np.array([r_red, r_green, r_blue]), np.full(3, beta), basis).coefficients
     fig = style.figure(3.0, 3.0, layout="constrained")
     ax = fig.subplots()
-    ax.imshow(fd.images.display(sphere(split_sum.SplitAlbedo(table, c), alpha), 0.5))
+    ax.imshow(fd.images.display(sphere(fd.split_albedo.SplitAlbedo(table, c), alpha), 0.5))
     ax.set_axis_off()
     return fig
 
@@ -201,7 +201,7 @@ explore(
 # %%
 size, spp = (128, 256) if fast else (40, 36)
 alpha = 0.2
-city = fd.mitsuba.environment.city(128)
+city = fd.mitsuba.skies.city(128)
 conductor = fd.mitsuba.comparison.conductor_bsdf
 
 
@@ -222,7 +222,7 @@ surface = split_sum.visible_surface(mi.load_dict(scene))
 images = {
     "path traced": path_traced("exact"),
     "path traced, four terms": path_traced("decomposition"),
-    "split-sum, exact": shaded(split_sum.integrated_albedo(fd.Exact(eta, k), alpha)),
+    "split-sum, exact": shaded(fd.split_albedo.integrated_albedo(fd.Exact(eta, k), alpha)),
     "split-sum, table": shaded(models["four terms"]),
 }
 show(images, 0.5)

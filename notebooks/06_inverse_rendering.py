@@ -35,7 +35,7 @@ print(mi.variant())
 # %%
 size, spp, count = (64, 64, 5) if fast else (16, 16, 2)
 alpha = 0.1
-city = fd.mitsuba.environment.city(64)
+city = fd.mitsuba.skies.city(64)
 lights = [city.turned(i * city.width // count).emitter() for i in range(count)]
 
 

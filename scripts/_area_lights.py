@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from _figure import Job
-from fresnel_decomp import AlbedoTable, Exact, load_basis
+from fresnel_decomp import AlbedoTable, Basis, Exact, load_basis
 from fresnel_decomp.area_light import CORRECTIONS, AreaLight, AreaMaterial
 from fresnel_decomp.images import nrmse, read_exr, read_exr_attributes, write_exr
 from fresnel_decomp.ltc import load_lobes
@@ -68,15 +68,21 @@ def subject(material: str) -> Subject:
     return from_indices([1.5], [0.0]) if material == "plastic" else from_material(material)
 
 
+def basis_of(model: str) -> Basis:
+    """The basis that a model names: a recipe, and unless there are four, its terms: balanced-5."""
+    recipe, _, terms = model.partition("-")
+    return load_basis(recipe, int(terms or 4))
+
+
 @functools.cache
-def table(recipe: str) -> AlbedoTable:
-    return AlbedoTable.bake(load_basis(recipe), TABLE_SIZE)
+def table(model: str) -> AlbedoTable:
+    return AlbedoTable.bake(basis_of(model), TABLE_SIZE)
 
 
 @functools.cache
 def material_of(name: str, alpha: float, model: str) -> AreaMaterial:
     """By a recipe's table, or by the exact curve, integrated; 'white' reflects all."""
-    from fresnel_decomp.mitsuba.split_sum import integrated_albedo
+    from fresnel_decomp.split_albedo import integrated_albedo
 
     def white(mu: Any, roughness: Any) -> Any:
         return table("talk").lookup(mu, roughness)[0]
@@ -85,8 +91,9 @@ def material_of(name: str, alpha: float, model: str) -> AreaMaterial:
         return AreaMaterial(lambda mu, roughness: (white(mu, roughness),) * 3)
     eta, k = subject(name).eta, subject(name).k
     if model != "exact":
-        coefficients = load_basis(model).coefficients(eta, k)
-        return AreaMaterial.from_table(table(model), np.broadcast_to(coefficients, (3, 4)))
+        coefficients = np.atleast_2d(basis_of(model).coefficients(eta, k))
+        rows = np.broadcast_to(coefficients, (3, coefficients.shape[-1]))
+        return AreaMaterial.from_table(table(model), rows)
     curve = Exact(np.broadcast_to(eta, 3), np.broadcast_to(k, 3))
     smooth = integrated_albedo(curve, 0.0)
     return AreaMaterial(integrated_albedo(curve, alpha), lambda c: smooth(c, 0.0), white)
@@ -117,7 +124,7 @@ class Study:
             write_exr(path, make(), {_SETTINGS: text})
             image = read_exr(path)
         self.done += 1
-        each = 1 + 2 * len(CORRECTIONS) + 2 * len(RECIPES) - 1
+        each = 1 + 2 * len(CORRECTIONS) + len(RECIPES)
         total = len(SCENES) * (4 + len(MATERIALS) * each)
         self.job.report(stem[:26], min(self.done / total, 1.0))
         return image
@@ -230,12 +237,10 @@ class Study:
         for material in MATERIALS:
             exact = self.path_traced(scene, material, "exact", self.seed)
             same_lobe = {c: self.shaded(scene, material, "exact", c) for c in CORRECTIONS}
-            found: dict[str, Any] = {"fresnel": {}, "fresnel_traced": {}, "total": {}}
+            found: dict[str, Any] = {"fresnel": {}, "total": {}}
             for recipe in RECIPES:
                 fitted = self.shaded(scene, material, recipe, "none")
                 found["fresnel"][recipe] = differ(same_lobe["none"], fitted)
-                traced = self.path_traced(scene, material, recipe, self.seed)
-                found["fresnel_traced"][recipe] = differ(exact, traced)
             for c in CORRECTIONS:
                 found["total"][c] = differ(exact, self.shaded(scene, material, SHOWN, c))
             # the lobe as it is, from the white image of the same samples; only F is approximated
@@ -253,7 +258,7 @@ def ratio(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def compute(job: Job) -> dict[str, Any]:
     """Render everything that is not there yet, and compare."""
-    from fresnel_decomp.mitsuba.comparison import variant_scope  # imports the renderer
+    from fresnel_decomp.mitsuba.variants import variant_scope  # imports the renderer
 
     with variant_scope(job.settings["variant"]):
         study = Study(job)

@@ -25,6 +25,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from _markdown import check_page, insert
 from fresnel_decomp import __version__, doctor, load_basis
 from fresnel_decomp._check import input_error
 from fresnel_decomp._command import run_and_exit
@@ -363,6 +364,64 @@ def commands(figure: Figure) -> click.Group:
             click.echo(f"Wrote {shown(path)}")
 
     return group
+
+
+Marks = tuple[str, str]
+
+
+def study(
+    figure: Figure,
+    texts: Callable[[dict[str, Any]], Mapping[str, str]],
+    marks: Mapping[str, Marks],
+) -> click.Command:
+    """The command line of a study: compute what is missing, draw, print, and fill in a page.
+
+    Parameters
+    ----------
+    figure : Figure
+    texts : callable
+        From the results in the sidecar to what is printed, by name.
+    marks : mapping
+        Lines between which texts stand on a page, for those that do.
+    """
+
+    @click.command(
+        help=f"{figure.title}.", context_settings={"help_option_names": ["-h", "--help"]}
+    )
+    @click.option("--quick", is_flag=True, help="Tiny images, to see that everything runs.")
+    @click.option("--force", is_flag=True, help="Compute again what is finished.")
+    @click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
+    @click.option("--page", type=click.Path(path_type=Path), help="Replace the tables of a page.")
+    @click.option(
+        "--out",
+        type=click.Path(path_type=Path),
+        help="Folder for data and pictures.  [default: out/figures and docs/figures; "
+        "with --quick out/figures-quick]",
+    )
+    def command(
+        quick: bool, force: bool, variant: str | None, page: Path | None, out: Path | None
+    ) -> None:
+        if page is not None:
+            check_page(page, *marks.values())
+            if quick and page.resolve().is_relative_to(ROOT):
+                raise input_error(
+                    f"--quick together with '{page}'", "pages of whole studies", "Leave one out."
+                )
+        data = out or (QUICK_DATA if quick else DATA)
+        if figure.scene is not None:
+            say_if_reduced(variant)
+        folder = data / figure.name
+        seconds = compute(figure, folder, quick=quick, force=force, variant=variant)
+        state = "was finished" if seconds is None else f"took {seconds:.0f} s"
+        click.echo(f"{figure.name} {state}: {shown(folder)}")
+        for path in draw(figure, folder, data if out or quick else PICTURES):
+            click.echo(f"Wrote {shown(path)}")
+        for name, text in texts(read_sidecar(figure.name, folder)["results"]).items():
+            click.echo(f"\n{text}")
+            if page is not None and name in marks:
+                insert(page, text, marks[name])
+
+    return command
 
 
 def shown(path: Path) -> str:

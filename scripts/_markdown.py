@@ -10,7 +10,7 @@ from fresnel_decomp._check import InputError, input_error
 from fresnel_decomp._files import write_text
 from fresnel_decomp._markdown import markdown_table as markdown
 
-__all__ = ["insert", "markdown", "page_with"]
+__all__ = ["check_page", "insert", "markdown", "page_with"]
 
 
 def insert(page: Path, text: str, marks: tuple[str, str]) -> None:
@@ -25,17 +25,29 @@ def insert(page: Path, text: str, marks: tuple[str, str]) -> None:
     write_text(page, f"{before}{marks[0]}\n{text}\n\n{marks[1]}{after}")
 
 
-def page_with(*marks: tuple[str, str]) -> Callable[[str], Path]:
-    """A type for argparse: a Markdown file in which `insert` finds these pairs of marks.
+def check_page(page: Path, *marks: tuple[str, str]) -> None:
+    """Make sure that `insert` finds these pairs of marks.
 
     So a long run does not end with a page that has no place for its tables.
+
+    Raises
+    ------
+    InputError
+        If it does not.
     """
+    if not page.is_file():
+        raise input_error(f"no file '{page}'", "a Markdown file", "Check the path.")
+    for pair in marks:
+        _around(page, pair)
+
+
+def page_with(*marks: tuple[str, str]) -> Callable[[str], Path]:
+    """A type for argparse: a file that `check_page` accepts."""
 
     def page(name: str) -> Path:
         try:
-            for pair in marks:
-                _around(Path(name), pair)
-        except (InputError, OSError) as error:
+            check_page(Path(name), *marks)
+        except InputError as error:
             raise argparse.ArgumentTypeError(str(error)) from None
         return Path(name)
 

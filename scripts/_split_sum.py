@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from _figure import Job
-from fresnel_decomp import F82, AlbedoTable, Exact, load_basis
+from fresnel_decomp import F82, AlbedoTable, Exact, load_basis, split_albedo
 from fresnel_decomp.images import (
     compare,
     delta_e,
@@ -99,7 +99,7 @@ def subject(material: str) -> Subject:
 
 @functools.cache
 def environment(name: str, width: int) -> Any:
-    from fresnel_decomp.mitsuba.environment import city, sunsky
+    from fresnel_decomp.mitsuba.skies import city, sunsky
 
     if name == "city":
         return city(width)
@@ -205,20 +205,18 @@ class Study:
 
     def albedo(self, scene: Scene, model: str) -> Any:
         """Fbar of a model: 'exact' and 'decomposed curve' integrated, the others from tables."""
-        from fresnel_decomp.mitsuba import split_sum
-
         eta, k = subject(scene.material).eta, subject(scene.material).k
         if model == "exact":
-            return split_sum.integrated_albedo(Exact(eta, k), scene.alpha)
+            return split_albedo.integrated_albedo(Exact(eta, k), scene.alpha)
         if model == "decomposed curve":
             basis = self.bases["decomposition"]
             curve = functools.partial(basis.evaluate, basis.coefficients(eta, k))
-            return split_sum.integrated_albedo(curve, scene.alpha)
+            return split_albedo.integrated_albedo(curve, scene.alpha)
         if model in self.bases:
             coefficients = self.bases[model].coefficients(eta, k)
-            return split_sum.SplitAlbedo(self.tables[model], coefficients)
+            return split_albedo.SplitAlbedo(self.tables[model], coefficients)
         bent = F82.from_ior(eta, k)
-        return split_sum.f82_albedo(bent.f0, bent.f82 if model == "f82" else None)
+        return split_albedo.f82_albedo(bent.f0, bent.f82 if model == "f82" else None)
 
     # --- comparisons ---------------------------------------------------------------------------
 
@@ -295,7 +293,7 @@ def light_error(name: str, width: int, alpha: float, directions: int, samples: i
 
 def compute(job: Job) -> dict[str, Any]:
     """Render everything that is not there yet, and compare."""
-    from fresnel_decomp.mitsuba.comparison import variant_scope  # imports the renderer
+    from fresnel_decomp.mitsuba.variants import variant_scope  # imports the renderer
 
     with variant_scope(job.settings["variant"]) as variant:
         balls = [s for s in BALLS if s.light == "city" or not variant.startswith("scalar")]

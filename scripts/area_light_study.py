@@ -13,10 +13,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 
-import _figure
 from _area_lights import (
     ALPHAS,
     MATERIALS,
@@ -29,8 +27,8 @@ from _area_lights import (
     compute,
     read_image,
 )
-from _figure import DATA, PICTURES, QUICK_DATA, Figure, main, read_sidecar, say_if_reduced, shown
-from _markdown import insert, markdown
+from _figure import Figure, main, read_sidecar, study
+from _markdown import markdown
 from _page import Page
 from fresnel_decomp.area_light import CORRECTIONS
 from fresnel_decomp.report import style
@@ -247,37 +245,14 @@ FIGURE = Figure(
 )
 
 
-@click.command(help=f"{FIGURE.title}.", context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--quick", is_flag=True, help="Tiny images, to see that everything runs.")
-@click.option("--force", is_flag=True, help="Compute again what is finished.")
-@click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
-@click.option("--page", type=click.Path(path_type=Path), help="Write the tables into this page.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Folder for data and pictures.  [default: out/figures and docs/figures; "
-    "with --quick out/figures-quick]",
-)
-def study(
-    quick: bool, force: bool, variant: str | None, page: Path | None, out: Path | None
-) -> None:
-    """Compute what is missing, draw, and print the tables."""
-    data = out or (QUICK_DATA if quick else DATA)
-    say_if_reduced(variant)
-    folder = data / NAME
-    seconds = _figure.compute(FIGURE, folder, quick=quick, force=force, variant=variant)
-    state = "was finished" if seconds is None else f"took {seconds:.0f} s"
-    click.echo(f"{NAME} {state}: {shown(folder)}")
-    for path in _figure.draw(FIGURE, folder, data if out or quick else PICTURES):
-        click.echo(f"Wrote {shown(path)}")
-    results = read_sidecar(NAME, folder)["results"]
-    text = tables(results)
-    click.echo(text)
-    for line in summary(results):
-        click.echo(line)
-    if page is not None:
-        insert(page, f"\n{text}\n\n```text\n" + "\n".join(summary(results)) + "\n```", MARKS)
+def texts(results: Mapping[str, Any]) -> dict[str, str]:
+    """Tables and a summary, for the terminal and the page."""
+    said = "\n".join(summary(results))
+    return {"study": f"\n{tables(results)}\n\n```text\n{said}\n```"}
+
+
+command = study(FIGURE, texts, {"study": MARKS})
 
 
 if __name__ == "__main__":
-    main(study)
+    main(command)

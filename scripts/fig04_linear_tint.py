@@ -70,8 +70,9 @@ def compute(job: Job) -> dict[str, Any]:
 
 def render(job: Job) -> dict[str, list[np.ndarray]]:
     """Spheres for every step; those of an earlier run are read."""
-    from fresnel_decomp.mitsuba.comparison import render_scene, variant_scope
+    from fresnel_decomp.mitsuba.comparison import render_scene
     from fresnel_decomp.mitsuba.scenes import load_scene
+    from fresnel_decomp.mitsuba.variants import variant_scope
 
     images: dict[str, list[np.ndarray]] = {scale: [] for scale in SCALES}
     with variant_scope(job.settings["variant"]):

@@ -64,7 +64,7 @@ OTHERS = {
         "python scripts/bench_gpu.py --figure docs/figures/screen_pass.png",
         "speed_gpu",
     ),
-    "speed_vs_error.png": ("Every model's error over six kinds of cost", *_SPEED),
+    "speed_vs_error.png": ("Every model's error over three kinds of cost", *_SPEED),
     "speed_vs_error_compute.png": ("Error against kernel time, compute-bound", *_SPEED),
     "speed_vs_error_streaming.png": ("Error against kernel time, streaming", *_SPEED),
     "speed_vs_error_bsdf.png": ("Error against the BSDF's time", *_SPEED),

@@ -1,8 +1,6 @@
 """Inverse rendering: error against time and samples, for every route from good and bad starts.
 
-    python scripts/inverse_study.py compute
-    python scripts/inverse_study.py draw
-    python scripts/inverse_study.py page docs/inverse.md
+    python scripts/inverse_study.py --page docs/inverse.md
 
 Five images of a gold sphere, with the exact Fresnel term of Mitsuba's `roughconductor` and random
 numbers of their own, are what everything is recovered from. Interrupt it when you like: finished
@@ -18,11 +16,10 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 
-from _figure import DATA, Figure, Job, commands, main, read_sidecar, shown
-from _markdown import insert, markdown
+from _figure import Figure, Job, main, read_sidecar, study
+from _markdown import markdown
 from _page import GREY, Page
 from fresnel_decomp import conductor, load_material
 from fresnel_decomp._files import write_json
@@ -158,7 +155,7 @@ def curve_error(values: Values, basis: Any, fresnel: str, exact: np.ndarray) -> 
 
 
 def compute(job: Job) -> dict[str, Any]:
-    from fresnel_decomp.mitsuba.comparison import variant_scope
+    from fresnel_decomp.mitsuba.variants import variant_scope
 
     quick = bool(job.settings.get("quick"))
     size, spp = job.settings["size"], 16 if quick else SPP
@@ -513,21 +510,28 @@ FIGURE = Figure(
     spp=SPP,
 )
 
-group = commands(FIGURE)
+
+def texts(results: dict[str, Any]) -> dict[str, str]:
+    """Tables for the terminal and the page."""
+    return {
+        "routes": route_table(results),
+        "metals": metal_table(results),
+        "texture": texture_table(results),
+        "calibration": calibration_table(results),
+    }
 
 
-@group.command("page")
-@click.argument("page", type=click.Path(path_type=Path, exists=True, dir_okay=False))
-@click.option("--data", type=click.Path(path_type=Path), help="What --out of `compute` was.")
-def page_command(page: Path, data: Path | None) -> None:
-    """Put the tables into a Markdown file, between their marks."""
-    results = read_sidecar(NAME, (data or DATA) / NAME)["results"]
-    insert(page, route_table(results), MARKS)
-    insert(page, metal_table(results), METAL_MARKS)
-    insert(page, texture_table(results), TEXTURE_MARKS)
-    insert(page, calibration_table(results), CALIBRATION_MARKS)
-    click.echo(f"Wrote {shown(page)}")
+command = study(
+    FIGURE,
+    texts,
+    {
+        "routes": MARKS,
+        "metals": METAL_MARKS,
+        "texture": TEXTURE_MARKS,
+        "calibration": CALIBRATION_MARKS,
+    },
+)
 
 
 if __name__ == "__main__":
-    main(group)
+    main(command)

@@ -61,6 +61,13 @@ def error(samples: Samples, lights: np.ndarray, lobe: np.ndarray) -> float:
     return float(np.sqrt(np.mean((found - exact) ** 2)) / exact.mean())
 
 
+def wrong_share(samples: Samples, lobe: np.ndarray) -> float:
+    """Half the integral of |f - D| over that of f, whatever the light: what other reports average;
+    `lobe` includes its albedo."""
+    exact = samples.lobe * samples.albedo
+    return float(0.5 * samples.weight @ np.abs(exact - lobe) / samples.albedo)
+
+
 def read_published(path: Path) -> list[np.ndarray]:
     """Both textures of three.js, (64, 64, 4): inverse matrices, and amplitudes in channel 0."""
     text = path.read_text(encoding="utf-8")
@@ -94,10 +101,15 @@ def fitted(mu: float, roughness: float) -> Lobe:
     return Lobe.from_residual(mu, roughness**2, fit_column(mu, alphas, "correlated")[0].residual)
 
 
-def measure(smith: str, published: Path | None) -> tuple[list[list[str]], list[float]]:
-    """A row of percentages per roughness, and all of them; ours | published if there is a file."""
+def measure(
+    smith: str, published: Path | None
+) -> tuple[list[list[str]], list[float], list[float], list[float]]:
+    """A row of percentages per roughness, and three means; ours | published if there is a file.
+
+    The means: over all cells, over those of mu >= .5, and over all cells of `wrong_share`.
+    """
     textures = None if published is None else read_published(published)
-    rows, everything = [], []
+    rows, everything, steep, wrong = [], [], [], []
     for roughness in ROUGHNESSES:
         cells = []
         for mu in COSINES:
@@ -108,13 +120,17 @@ def measure(smith: str, published: Path | None) -> tuple[list[list[str]], list[f
             lobe = (
                 load_lobes().lobe(mu, roughness**2) if textures is None else fitted(mu, roughness)
             )
-            found = [error(samples, lights, samples.albedo * lobe.density(w))]
+            candidates = [samples.albedo * lobe.density(w)]
             if textures is not None:
-                found.append(error(samples, lights, published_lobe(textures, mu, roughness, w)))
+                candidates.append(published_lobe(textures, mu, roughness, w))
+            found = [error(samples, lights, values) for values in candidates]
             everything.append(found)
+            wrong.append([wrong_share(samples, values) for values in candidates])
+            if mu >= 0.5:
+                steep.append(found)
             cells.append(" / ".join(f"{100.0 * value:.1f}" for value in found))
         rows.append([f"{roughness:g}", *cells])
-    return rows, np.mean(everything, axis=0).tolist()
+    return rows, *(np.mean(values, axis=0).tolist() for values in (everything, steep, wrong))
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -127,10 +143,15 @@ def main(arguments: list[str] | None = None) -> None:
     for smith, published in (("separable", None), ("correlated", options.published)):
         if smith == "correlated" and published is None:
             continue
-        rows, mean = measure(smith, published)
+        rows, *means = measure(smith, published)
         parts.append(markdown([f"error in %, {smith} Smith", *head[1:]], rows))
-        means = " / ".join(f"{100.0 * value:.1f}" for value in mean)
-        parts.append(f"Mean: {means} %{' (ours / published)' if published else ''}.")
+        mean, steep, wrong = (
+            " / ".join(f"{100.0 * value:.1f}" for value in values) for values in means
+        )
+        parts.append(
+            f"Mean: {mean} %{' (ours / published)' if published else ''}; of μ ≥ 0.5: {steep} %; "
+            f"mean share of light that goes the wrong way, half the integral of |f − D|: {wrong} %."
+        )
     text = "\n\n".join(parts)
     print(text)
     if options.page is not None:

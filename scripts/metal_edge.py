@@ -84,9 +84,8 @@ def linear_tint(beta: float) -> Way:
 def through(base: Array, edge: Array, fitted: MetalEdge) -> Array:
     """The curve through base and edge colour, in the default basis."""
     basis = load_basis()
-    u, v = fitted.weights(np.cos(basis.nodes))
-    nodes = 1.0 - np.outer(1.0 - base, u) - np.outer(1.0 - edge, v)
-    return basis.evaluate(basis.coefficients_from_reflectance(base, nodes), COSINES[:, None])
+    c = shipped.metal_coefficients(base, edge, basis, fitted)
+    return basis.evaluate(c, COSINES[:, None])
 
 
 def by_nodes(base: Array, edge: Array, nodes: Array, fitted: MetalEdge) -> Array:
@@ -158,6 +157,27 @@ def table(results: dict[str, dict[str, float]]) -> str:
     return markdown(head, rows)
 
 
+def verdicts(results: dict[str, dict[str, float]]) -> str:
+    """What the table says of guessed edges, in words."""
+
+    def over(name: str, other: str, column: str = "rmse") -> str:
+        return f"{results[name][column] / results[other][column]:.2f}"
+
+    usual, four = "usual edge, 4 terms", "4 terms through both"
+    index = min(
+        (name for name in results if name.startswith(("index", "linear tint"))),
+        key=lambda name: results[name]["rmse"],
+    )
+    return (
+        f"RMSE relative to Schlick's curve: the usual edge {over(usual, 'Schlick')} over all "
+        f"metals and {over(usual, 'Schlick', 'rmse_noble')} over Ag, Au and Cu; the best of the "
+        f"indices ({index}) {over(index, 'Schlick')}; four terms through base and edge colour "
+        f"{over(four, 'Schlick')} and {over(four, 'Schlick', 'rmse_noble')}. Relative to F82 of "
+        f"the same two colours these have {over(four, 'F82')} over all and "
+        f"{over(four, 'F82', 'rmse_noble')} over the three."
+    )
+
+
 def range_table() -> str:
     """Lowest and highest reflectance of the fits, over all colours, edges and angles."""
     basis, steps = load_basis(), np.linspace(0.0, 1.0, 41)
@@ -215,8 +235,9 @@ def tables() -> dict[str, str]:
         f"Over {len(METALS)} metals, whose darkest channel is {least:.2f}; the usual edge colour "
         f"is 1 − (1 − F0)({black:.3f} + {edge.q:.3f} F0 + {edge.s:.3f} F0²)."
     )
+    results = compare()
     return {
-        "metals": f"{table(compare())}\n\n{usual}",
+        "metals": f"{table(results)}\n\n{usual}\n\n{verdicts(results)}",
         "ranges": range_table(),
         "colours": colour_table(),
     }
@@ -241,7 +262,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
             },
         )
         shipped.load_metal_edge.cache_clear()
-        shipped._weights_at.cache_clear()
     print("\n\n".join(tables().values()))
 
 

@@ -9,26 +9,21 @@ Interrupt it when you like: finished images are kept, and the same command goes 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 
-import _figure
 import metal_edge
 from _figure import (
-    DATA,
-    PICTURES,
-    QUICK_DATA,
     Figure,
     Job,
     main,
     read_sidecar,
-    say_if_reduced,
-    shown,
+    study,
 )
-from _markdown import insert, markdown, page_with
+from _markdown import markdown
 from _page import GREY, Page
 from fresnel_decomp import (
     F82,
@@ -273,8 +268,8 @@ PLUGINS: dict[str, dict[str, Any]] = {
 
 def costs(variant: str, quick: bool) -> dict[str, dict[str, list[float]]]:
     """Ratio to Mitsuba's principled and its spread: of `eval`, `sample` and whole renders."""
-    from fresnel_decomp.mitsuba.comparison import variant_scope
     from fresnel_decomp.mitsuba.timing import kernel_times, ratio_and_spread
+    from fresnel_decomp.mitsuba.variants import variant_scope
 
     look = {"base_color": rgb(COPPER), "metallic": 0.5, "roughness": 0.5}
     bsdfs = {name: {**bsdf, **look} for name, bsdf in PLUGINS.items()}
@@ -301,6 +296,8 @@ def alone_times(
     import drjit as dr
     import mitsuba as mi
 
+    from fresnel_decomp.mitsuba.timing import interleaved_times
+
     if str(mi.variant()).startswith("scalar"):
         return {}
     sampler = mi.PCG32(size=points)
@@ -314,22 +311,21 @@ def alone_times(
     dr.eval(si, wo, lobe, place)
     ctx = mi.BSDFContext()
     plugins = {name: mi.load_dict(bsdf) for name, bsdf in bsdfs.items()}
+
+    def run(call: Callable[[Any], Any], plugin: Any) -> None:
+        dr.eval(call(plugin))
+
     methods: dict[str, Callable[[Any], Any]] = {
         "eval": lambda plugin: plugin.eval(ctx, si, wo, True),
         "sample": lambda plugin: plugin.sample(ctx, si, lobe, place, True),
     }
-    times: dict[str, dict[str, list[float]]] = {m: {n: [] for n in bsdfs} for m in methods}
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        for run in range(-2, runs):
-            for method, call in methods.items():
-                for name in list(plugins)[:: -1 if run % 2 else 1]:
-                    dr.kernel_history_clear()
-                    dr.eval(call(plugins[name]))
-                    dr.sync_thread()
-                    if run >= 0:
-                        kernels = dr.kernel_history([dr.KernelType.JIT])
-                        times[method][name].append(sum(k["execution_time"] for k in kernels))
-    return times
+    return interleaved_times(
+        {
+            method: {name: partial(run, call, plugin) for name, plugin in plugins.items()}
+            for method, call in methods.items()
+        },
+        runs,
+    )
 
 
 # --- pictures ------------------------------------------------------------------------------------
@@ -384,8 +380,7 @@ def textured(folder: Path) -> dict[str, Any]:
     textures = {}
     for name, image in images.items():
         path = folder / f"texture_{name}.exr"
-        if not path.is_file():
-            write_exr(path, image.astype(np.float32))
+        write_exr(path, image.astype(np.float32))  # also over that of an older version
         textures[name] = {"type": "bitmap", "filename": str(path), "raw": True}
     return ours(**textures)
 
@@ -659,35 +654,8 @@ FIGURE = Figure(
 )
 
 
-@click.command(help=f"{FIGURE.title}.", context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--quick", is_flag=True, help="Tiny images, to see that everything runs.")
-@click.option("--force", is_flag=True, help="Compute again what is finished.")
-@click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
-@click.option("--page", type=page_with(*MARKS.values()), help="Replace the tables of a page.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Folder for data and pictures.  [default: out/figures and docs/figures; "
-    "with --quick out/figures-quick]",
-)
-def study(
-    quick: bool, force: bool, variant: str | None, page: Path | None, out: Path | None
-) -> None:
-    """Compute what is missing, draw, and print the tables."""
-    data = out or (QUICK_DATA if quick else DATA)
-    say_if_reduced(variant)
-    folder = data / NAME
-    seconds = _figure.compute(FIGURE, folder, quick=quick, force=force, variant=variant)
-    state = "was finished" if seconds is None else f"took {seconds:.0f} s"
-    click.echo(f"{NAME} {state}: {shown(folder)}")
-    for path in _figure.draw(FIGURE, folder, data if out or quick else PICTURES):
-        click.echo(f"Wrote {shown(path)}")
-    texts = tables(read_sidecar(NAME, folder)["results"]) | metal_edge.tables()
-    for name, text in texts.items():
-        click.echo(f"\n{text}")
-        if page is not None:
-            insert(page, text, MARKS[name])
+command = study(FIGURE, lambda results: tables(results) | metal_edge.tables(), MARKS)
 
 
 if __name__ == "__main__":
-    main(study)
+    main(command)

@@ -6,6 +6,9 @@ measures every model as `fresnel-decomp bench` does, goes on where an earlier ru
 figures into docs/figures and puts tables and verdicts into the two pages, between their marks. What
 was measured is also written to docs/figures/speed_vs_error.csv, of which everything on the pages is
 made: with --from that file, pages and figures are made again without measuring.
+
+Pages are for whole measurements: they are refused for --quick, some of the models, or fewer than
+nine rounds, and after a run on a machine that did other things, unless --noisy says to have it so.
 """
 
 from __future__ import annotations
@@ -35,6 +38,7 @@ def marks(name: str) -> tuple[str, str]:
 
 PAGE_PARTS = ("verdicts", "recipe table", "budgets", "costs", "errors", "tables")
 README_PARTS = ("speed against error",)
+LEAST_ROUNDS = 9
 
 
 def page_texts(about: dict[str, Any], rows: list[dict[str, Any]]) -> dict[str, str]:
@@ -63,11 +67,16 @@ def readme_texts(about: dict[str, Any], rows: list[dict[str, Any]]) -> dict[str,
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
-@click.option("--rounds", type=int, default=11, show_default=True)
+@click.option("--rounds", type=int, help="That count.  [default: 11; with --quick 3]")
 @click.option("--models", multiple=True, default=("*",), help="As for `fresnel-decomp bench`.")
 @click.option("--quick", is_flag=True, help="Tiny kernels; not for the pages.")
+@click.option("--noisy", is_flag=True, help="Write pages though the machine was not quiet.")
 @click.option("--force", is_flag=True, help="Measure again what is finished.")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("out") / "bench")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Folder for the results.  [default: out/bench; with --quick out/bench-quick]",
+)
 @click.option("--page", type=click.Path(path_type=Path, exists=True), help="Put tables there.")
 @click.option("--readme", type=click.Path(path_type=Path, exists=True), help="And there.")
 @click.option("--figures", type=click.Path(path_type=Path), default=FIGURES)
@@ -79,11 +88,12 @@ def readme_texts(about: dict[str, Any], rows: list[dict[str, Any]]) -> dict[str,
 )
 def main(
     variant: str | None,
-    rounds: int,
+    rounds: int | None,
     models: tuple[str, ...],
     quick: bool,
+    noisy: bool,
     force: bool,
-    out: Path,
+    out: Path | None,
     page: Path | None,
     readme: Path | None,
     figures: Path,
@@ -91,9 +101,12 @@ def main(
 ) -> None:
     """Measure, draw, and write README and documentation."""
     targets = [(page, PAGE_PARTS, page_texts), (readme, README_PARTS, readme_texts)]
+    pages = [path for path, _, _ in targets if path is not None]
     for path, parts, _ in targets:  # before a long run
         if path is not None:
             _check_marks(path, parts)
+    if pages and source is None:
+        _check_whole(models, rounds, quick)
     doctor.prepare()
     from fresnel_decomp.report import bench_figures
     from fresnel_decomp.report import bench_tables as tables
@@ -101,16 +114,24 @@ def main(
     if source is None:
         from fresnel_decomp.report.bench import Settings
 
-        changes = {"variant": variant or doctor.best_variant(), "models": models}
-        make = Settings.quick if quick else Settings
-        run_bench(make(**changes, rounds=rounds), out, force)
+        changes: dict[str, Any] = {"variant": variant or doctor.best_variant(), "models": models}
+        changes |= {} if rounds is None else {"rounds": rounds}
+        out = out or ROOT / "out" / ("bench-quick" if quick else "bench")
+        run_bench(Settings.quick(**changes) if quick else Settings(**changes), out, force)
         source = out / f"{STEM}.csv"
-    if page is None and readme is None:
+    if not pages:
         return
     # of the numbers in the file, so that pages can be checked against it
     rows = tables.read_csv(source)
     about = json.loads(source.with_suffix(".json").read_text(encoding="utf-8"))
     about = about.get("about", about)
+    if tables.caution(rows) and not noisy:
+        raise input_error(
+            f"times of a machine that was not quiet, in {source}: the built-in's own time varies "
+            f"by up to {max(tables.drift(rows).values()):.1f}",
+            f"at most {tables.STEADY}",
+            "Measure with --force while nothing else runs, or say --noisy to publish them.",
+        )
     if source.parent.resolve() != figures.resolve():
         write_text(figures / f"{STEM}.csv", source.read_text(encoding="utf-8"))
         write_text(figures / f"{STEM}.json", json.dumps(about, indent=2) + "\n")
@@ -120,6 +141,19 @@ def main(
             for name, text in texts(about, rows).items():
                 insert(path, text, marks(name))
             click.echo(f"Wrote {path}")
+
+
+def _check_whole(models: tuple[str, ...], rounds: int | None, quick: bool) -> None:
+    """Refuse to publish less than a whole measurement."""
+    given = ["--quick"] if quick else []
+    given += [f"--models {' --models '.join(models)}"] if models != ("*",) else []
+    given += [f"--rounds {rounds}"] if rounds is not None and rounds < LEAST_ROUNDS else []
+    if given:
+        raise input_error(
+            f"{' '.join(given)} together with --page or --readme",
+            f"pages of all models, with at least {LEAST_ROUNDS} rounds",
+            "Leave the pages out; results are in the folder of --out.",
+        )
 
 
 def _check_marks(path: Path, parts: tuple[str, ...]) -> None:

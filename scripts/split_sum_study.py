@@ -13,11 +13,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 
-import _figure
-from _figure import DATA, PICTURES, QUICK_DATA, Figure, main, read_sidecar, say_if_reduced, shown
+from _figure import Figure, main, read_sidecar, study
 from _page import Page
 from _split_sum import (
     ALPHAS,
@@ -179,7 +177,7 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def draw(folder: Path, pictures: Path) -> None:
-    from fresnel_decomp.mitsuba.comparison import variant_scope  # imports the renderer
+    from fresnel_decomp.mitsuba.variants import variant_scope  # imports the renderer
 
     sidecar = read_sidecar(NAME, folder)
     results = sidecar["results"]
@@ -387,29 +385,13 @@ FIGURE = Figure(
 )
 
 
-@click.command(help=f"{FIGURE.title}.", context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--quick", is_flag=True, help="Tiny images, to see that everything runs.")
-@click.option("--force", is_flag=True, help="Compute again what is finished.")
-@click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Folder for data and pictures.  [default: out/figures and docs/figures; "
-    "with --quick out/figures-quick]",
-)
-def study(quick: bool, force: bool, variant: str | None, out: Path | None) -> None:
-    """Compute what is missing, draw, and print what the tables say."""
-    data = out or (QUICK_DATA if quick else DATA)
-    say_if_reduced(variant)
-    folder = data / NAME
-    seconds = _figure.compute(FIGURE, folder, quick=quick, force=force, variant=variant)
-    state = "was finished" if seconds is None else f"took {seconds:.0f} s"
-    click.echo(f"{NAME} {state}: {shown(folder)}")
-    for path in _figure.draw(FIGURE, folder, data if out or quick else PICTURES):
-        click.echo(f"Wrote {shown(path)}")
-    for line in aligned([SUMMARY_HEADER, *summary(read_sidecar(NAME, folder)["results"])]):
-        click.echo(line)
+def texts(results: Mapping[str, Any]) -> dict[str, str]:
+    """For the terminal; the page has tables of its own."""
+    return {"summary": "\n".join(aligned([SUMMARY_HEADER, *summary(results)]))}
+
+
+command = study(FIGURE, texts, {})
 
 
 if __name__ == "__main__":
-    main(study)
+    main(command)

@@ -1,8 +1,6 @@
 """How small a preintegrated table may be: error against size, axes and storage format.
 
-    python scripts/table_study.py compute
-    python scripts/table_study.py draw
-    python scripts/table_study.py page docs/preintegration.md
+    python scripts/table_study.py --page docs/preintegration.md
 
 The error is that of the table alone: |sum_i c_i (bbar_i looked up - bbar_i integrated)|, for the
 coefficients of `INDICES`, over a grid of view angles and roughnesses that is dense where tables are
@@ -23,22 +21,19 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 from scipy.ndimage import maximum_filter
 
 from _figure import (
-    DATA,
     Figure,
     Job,
-    commands,
     main,
     read_sidecar,
     read_table,
-    shown,
+    study,
     write_table,
 )
-from _markdown import insert, markdown
+from _markdown import markdown
 from _page import GREY, Page
 from fresnel_decomp import AlbedoTable, directional_albedo, load_basis
 from fresnel_decomp.fast_curves import FastCurves
@@ -363,17 +358,8 @@ FIGURE = Figure(
     },
 )
 
-group = commands(FIGURE)
-
-
-@group.command("page")
-@click.argument("page", type=click.Path(path_type=Path, exists=True, dir_okay=False))
-@click.option("--data", type=click.Path(path_type=Path), help="What --out of `compute` was.")
-def page_command(page: Path, data: Path | None) -> None:
-    """Put the tables into a Markdown file, between its marks."""
-    insert(page, tables(read_sidecar(NAME, (data or DATA) / NAME)["results"]), MARKS)
-    click.echo(f"Wrote {shown(page)}")
+command = study(FIGURE, lambda results: {"study": tables(results)}, {"study": MARKS})
 
 
 if __name__ == "__main__":
-    main(group)
+    main(command)

@@ -231,6 +231,19 @@ def test_sides(gold: AreaMaterial) -> None:
             assert np.all(shade_area_light(light, lobes, gold, place, up, eye, 0.3) == 0.0)
 
 
+@pytest.mark.parametrize("shape", ["rectangle", "disk"])
+def test_a_light_whose_plane_holds_the_point_gives_nothing(gold: AreaMaterial, shape) -> None:
+    """It is seen edge-on, from beside it, and from its centre."""
+    light = AreaLight(shape, [1.5, 0, 0.5], [1.0, 0, 0], [0, 0, 0.4], two_sided=True)
+    inside = AreaLight(shape, [0, 0, 0], [1.0, 0, 0], [0, 1.0, 0], two_sided=True)
+    for one in (light, inside):
+        for correction in CORRECTIONS:
+            lit = shade_area_light(
+                one, load_lobes(), gold, [0, 0, 0], [0, 0, 1], [0.6, 0, 0.8], 0.3, correction
+            )
+            np.testing.assert_allclose(lit, 0.0, atol=1e-12)
+
+
 def test_dielectrics_need_the_half_vector() -> None:
     """Brute force with the exact lobe: small lights at several places, F of eta = 1.5."""
     from fresnel_decomp import dielectric
@@ -306,6 +319,10 @@ def test_input_that_is_refused(gold: AreaMaterial) -> None:
         AreaLight("sphere", [0, 0, 0], [1, 0, 0], [0, 1, 0])  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"centre: .*last axis"):
         AreaLight("disk", [0, 0], [1, 0, 0], [0, 1, 0])
+    with pytest.raises(InputError, match=r"centre=\[nan, 0\.0, 1\.0\]; accepted: finite"):
+        AreaLight("disk", [np.nan, 0, 1], [0, 1, 0], [1, 0, 0])
+    with pytest.raises(InputError, match=r"v=.*inf"):
+        AreaLight("rectangle", [0, 0, 1], [0, 1, 0], [np.inf, 0, 0])
     with pytest.raises(InputError, match=r"radiance of shape \(3, 3\)"):
         AreaLight("disk", [0, 0, 1], [0, 1, 0], [1, 0, 0], radiance=np.eye(3))
     light = AreaLight("disk", [0, 0, 1], [0, 1, 0], [1, 0, 0])
@@ -326,7 +343,7 @@ def test_input_that_is_refused(gold: AreaMaterial) -> None:
 
 @pytest.fixture
 def vectorised() -> Iterator[None]:
-    from fresnel_decomp.mitsuba.comparison import variant_scope
+    from fresnel_decomp.mitsuba.variants import variant_scope
 
     best = doctor.best_variant()
     if best.startswith("scalar"):
@@ -343,7 +360,8 @@ def test_pictures_are_those_of_mitsuba(vectorised: None, shape) -> None:
 
     from fresnel_decomp.mitsuba.area_light import LitMaterial, lit_by_area, render_area_light
     from fresnel_decomp.mitsuba.comparison import conductor_bsdf, render_scene
-    from fresnel_decomp.mitsuba.split_sum import integrated_albedo, visible_surface
+    from fresnel_decomp.mitsuba.split_sum import visible_surface
+    from fresnel_decomp.split_albedo import integrated_albedo
 
     light = AreaLight(shape, [0, 0.8, -1.2], [0.8, 0, 0], [0, 0.55, 0], radiance=[6.0, 5.0, 4.0])
     bsdf = conductor_bsdf(ETA, K, alpha=0.3, distribution="ggx")

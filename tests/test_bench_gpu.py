@@ -155,11 +155,13 @@ def test_the_code_that_is_timed_is_what_counts(bench: Any, monkeypatch: pytest.M
 def test_data_of_the_package_count(
     bench: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
+    from fresnel_decomp import machine
+
     (tmp_path / "data").mkdir()
     code, data = tmp_path / "__init__.py", tmp_path / "data" / "basis.json"
     for path in (code, data):
         path.write_text("1", encoding="utf-8")
-    monkeypatch.setattr(bench.fresnel_decomp, "__file__", str(code))
+    monkeypatch.setattr(machine, "__file__", str(code))
     found = {bench.sources()}
     for path in (data, code):
         path.write_text("2", encoding="utf-8")
@@ -245,6 +247,8 @@ def test_milliseconds_and_the_claim_with_a_gpu(bench: Any) -> None:
     ]
     line = "four terms, uniform: +0.0600 ± 0.0150 ms against 0.05 ms: undecided"
     assert line in bench.report(results)
+    results["about"]["device"] = "NVIDIA GeForce RTX 2070 SUPER, driver 1"
+    assert "another card" in bench.report(results)
     results["settings"]["height"] = 1080
     assert "within" not in bench.report(results)
 
@@ -317,6 +321,10 @@ def test_throw_away_numbers_stay_out_of_the_repository(
     for size in (["--width", "32"], ["--height", "18"]):
         with pytest.raises(InputError, match="--quick with a size"):
             bench.bench.main([*common, *size], standalone_mode=False)
+    sized = ["--width", "640", "--variant", "llvm_ad_rgb", "--out", str(tmp_path / "out")]
+    for option, path in (("--page", page), ("--figure", picture)):
+        with pytest.raises(InputError, match=f"{option} .* with 640 × 720 pixels"):
+            bench.bench.main([*sized, option, str(path)], standalone_mode=False)
     assert not (tmp_path / "out").exists()
 
 

@@ -140,7 +140,7 @@ def table_rows(markdown: str) -> set[str]:
 def test_report_of_two_materials(scripts, tmp_path: Path, capsys) -> None:
     arguments = ("--only", "Au", "Be", "--illuminants", "D65, A", "--out", tmp_path)
     page = tmp_path / "page.md"
-    page.write_text(f"before\n{scripts.MARKS[0]}\nold\n{scripts.MARKS[1]}\nafter\n")
+    page.write_text(f"before\n{scripts.MARKS[0]}\nold\n{scripts.MARKS[1]}after\n")
     assert run(scripts, *arguments, "--page", page) == 0
     printed = capsys.readouterr().out
     with open(tmp_path / "report.csv", newline="", encoding="utf-8") as file:

@@ -12,6 +12,7 @@ import pytest
 from fresnel_decomp._check import InputError
 from fresnel_decomp.images import read_exr, read_exr_attributes
 from fresnel_decomp.mitsuba import comparison
+from fresnel_decomp.mitsuba.variants import variant_scope
 
 ETA, K = [4.37, 2.92, 1.65], [5.21, 4.23, 3.75]  # chromium
 
@@ -98,10 +99,10 @@ def test_finished_images_are_kept(tmp_path: Path, variant: str) -> None:
 def test_variant_is_restored(variant: str) -> None:
     import mitsuba as mi
 
-    with comparison.variant_scope("scalar_spectral") as name:
+    with variant_scope("scalar_spectral") as name:
         assert name == mi.variant() == "scalar_spectral"
     assert mi.variant() == variant
-    with pytest.raises(InputError, match="scalar_rgb"), comparison.variant_scope("scalar_rbg"):
+    with pytest.raises(InputError, match="scalar_rgb"), variant_scope("scalar_rbg"):
         pass
     assert mi.variant() == variant
 

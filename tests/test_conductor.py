@@ -297,7 +297,9 @@ SHAPES = {
         **{"distribution": "ggx", "sample_visible": False, "smith": "correlated"},
         **{"energy_compensation": True, "compensation": "scaling"},
     },
-    "beckmann all normals lobe": {"sample_visible": False, "energy_compensation": True},
+    "beckmann all normals lobe": {
+        **{"sample_visible": False, "smith": "separable", "energy_compensation": True},
+    },
     "beckmann anisotropic lobe": {"alpha_u": 0.15, "alpha_v": 0.4, "energy_compensation": True},
 }
 

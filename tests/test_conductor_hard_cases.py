@@ -162,9 +162,12 @@ def test_derivatives_are_finite(shape, compensation, mode: str, variant: str) ->
 @COMPENSATIONS
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_limit_at_the_horizon(shape, compensation, variant: str) -> None:
-    """D G / (4 cos) tends to a constant, and keeps it down to the last representable cosine."""
+    """D G / (4 cos) tends to a constant, and keeps it down to the last representable cosine.
+
+    With correlated shadowing it is reached later: 1e-4 is missing at a cosine of 1e-5.
+    """
     plugin, ctx = load(shape, 0.3, **COEFFICIENTS, **compensation), mi.BSDFContext()
-    heights = [1e-5, 1e-7, 1e-10, 1e-13, 1e-20, 1e-37]
+    heights = [1e-6, 1e-7, 1e-10, 1e-13, 1e-20, 1e-37]
     si = dr.zeros(mi.SurfaceInteraction3f, len(heights))
     si.wi = mi.Vector3f(np.array([direction(h, 0.0) for h in heights], np.float32).T)
     wo = mi.Vector3f(-0.8, 0.0, 0.6)

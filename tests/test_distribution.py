@@ -46,7 +46,7 @@ from __future__ import annotations
 import numpy as np
 
 import fresnel_decomp as fd
-from fresnel_decomp.mitsuba.split_sum import schlick_albedo
+from fresnel_decomp.split_albedo import schlick_albedo
 
 
 def coefficients(name: str, terms: int) -> np.ndarray:

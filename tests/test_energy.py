@@ -59,6 +59,28 @@ def test_loss_is_that_of_the_table(energy):
     np.testing.assert_allclose(found, expected, atol=4e-4)  # that of interpolation
 
 
+def test_baked_is_averaged():
+    """Correlated shadowing unless said otherwise; averages as of the same table."""
+    baked = EnergyTable.bake(BASIS, 16)
+    assert baked.table.smith == baked.losses.smith == "correlated"
+    other = EnergyTable.bake(BASIS, 16, "separable", distribution="beckmann")
+    assert (other.table.smith, other.table.distribution) == ("separable", "beckmann")
+    assert np.all(other.losses.values[1:, 0, 0] != baked.losses.values[1:, 0, 0])
+    again = EnergyTable.of(AlbedoTable.bake(BASIS, 16, "correlated"), BASIS)
+    np.testing.assert_array_equal(again.losses.values, baked.losses.values)
+
+
+@pytest.mark.parametrize("layout", [{"mu_axis": "mu"}, {"addressing": "edges"}])
+def test_other_layouts_have_the_same_averages(layout):
+    """To the error of interpolation, which is larger for an axis in mu."""
+    found = EnergyTable.of(AlbedoTable.bake(BASIS, **layout), BASIS).losses
+    usual = EnergyTable.of(AlbedoTable.bake(BASIS), BASIS).losses
+    alpha = np.array([0.05, 0.2, 0.6, 0.9])
+    np.testing.assert_allclose(
+        found.lookup(alpha, alpha), usual.lookup(alpha, alpha), rtol=0.02, atol=2e-3
+    )
+
+
 @pytest.mark.parametrize("distribution", DISTRIBUTIONS)
 @pytest.mark.parametrize("smith", SMITH)
 def test_white_furnace(smith, distribution):
@@ -191,6 +213,8 @@ def test_bad_input():
         EnergyTable.of(table, lambda c: BASIS(c)[..., ::-1])
     with pytest.raises(InputError, match="functions"):
         EnergyTable.of(table, load_basis("talk", 5))
+    with pytest.raises(InputError, match=r"a ClosedForm as table.*EnergyTable\.bake"):
+        EnergyTable.of(BASIS.closed_form, BASIS)  # type: ignore[arg-type]
 
 
 # --- two roughnesses -----------------------------------------------------------------------------

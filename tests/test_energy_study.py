@@ -47,7 +47,7 @@ def test_quick_study(study: Any, tmp_path: Any, capsys: pytest.CaptureFixture[st
     page.write_text("".join(study.MARKS), encoding="utf-8")
     for expected in ("took", "was finished"):
         with pytest.raises(SystemExit) as end:
-            main(study.study, ["--quick", "--out", str(tmp_path), "--page", str(page)])
+            main(study.command, ["--quick", "--out", str(tmp_path), "--page", str(page)])
         assert end.value.code == 0
         printed = capsys.readouterr().out
         assert expected in printed

@@ -12,14 +12,8 @@ import pytest
 from backends import BACKENDS, float_type
 from fresnel_decomp._check import InputError
 from fresnel_decomp.images import write_exr
-from fresnel_decomp.mitsuba.environment import (
-    Environment,
-    _city,
-    city,
-    row_weights,
-    sunsky,
-    texel_directions,
-)
+from fresnel_decomp.mitsuba.environment import Environment, row_weights, texel_directions
+from fresnel_decomp.mitsuba.skies import _city, city, sunsky
 
 
 def random_map(width: int = 16, seed: int = 0) -> Environment:

@@ -241,6 +241,7 @@ def test_table_study(scripts: Any, reproduce: Any, tmp_path: Path) -> None:
     page.write_text("".join(scripts.table_study.MARKS), encoding="utf-8")
     with pytest.raises(SystemExit):
         scripts._figure.main(
-            scripts.table_study.group, ["page", str(page), "--data", str(tmp_path)]
+            scripts.table_study.command,
+            ["--quick", "--out", str(tmp_path), "--page", str(page)],
         )
     assert "8-bit unorm" in page.read_text(encoding="utf-8")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fresnel_decomp._check import InputError
-from fresnel_decomp.mitsuba.environment import city
 from fresnel_decomp.mitsuba.prefilter import PrefilteredLight, blurred, prefilter
+from fresnel_decomp.mitsuba.skies import city
 from test_environment import random_directions
 
 
@@ -70,7 +70,8 @@ def test_shading_takes_it(variant: str) -> None:
     if not dr.is_jit_v(mi.Float):
         pytest.skip("shade takes vectors of arrays")
     from fresnel_decomp.mitsuba.light_texture import LightTexture
-    from fresnel_decomp.mitsuba.split_sum import schlick_albedo, schlick_table, shade
+    from fresnel_decomp.mitsuba.split_sum import shade
+    from fresnel_decomp.split_albedo import schlick_albedo, schlick_table
 
     light, albedo = layered(32, 4), schlick_albedo([1.0, 0.8, 0.3], schlick_table(16))
     normal, view = random_directions(30), random_directions(30, seed=9)

@@ -10,8 +10,9 @@ from scipy.integrate import quad
 
 from backends import AD_BACKENDS, BACKENDS, float_type
 from fresnel_decomp._check import InputError
-from fresnel_decomp.mitsuba.environment import Environment, city, texel_directions
+from fresnel_decomp.mitsuba.environment import Environment, texel_directions
 from fresnel_decomp.mitsuba.prefilter import blurred, prefilter, split_light
+from fresnel_decomp.mitsuba.skies import city
 from test_environment import random_directions, random_map
 
 

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from fresnel_decomp import AlbedoTable, InputError, load_basis
-from fresnel_decomp.mitsuba.environment import city
 from fresnel_decomp.mitsuba.prefilter import PrefilteredLight, prefilter
 from fresnel_decomp.mitsuba.preview import SpherePreview
-from fresnel_decomp.mitsuba.split_sum import SplitAlbedo, shade
+from fresnel_decomp.mitsuba.skies import city
+from fresnel_decomp.mitsuba.split_sum import shade
+from fresnel_decomp.split_albedo import SplitAlbedo
 
 SIZE = 24
 

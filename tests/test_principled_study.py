@@ -63,7 +63,7 @@ def test_quick_study(study: Any, tmp_path: Path, capsys: pytest.CaptureFixture[s
 
     def run() -> None:
         with pytest.raises(SystemExit) as end:
-            main(study.study, ["--quick", "--out", str(tmp_path)])
+            main(study.command, ["--quick", "--out", str(tmp_path)])
         assert end.value.code == 0
 
     run()

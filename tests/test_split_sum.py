@@ -14,21 +14,19 @@ from fresnel_decomp.albedo import directional_albedo
 from fresnel_decomp.basis import load_basis
 from fresnel_decomp.mitsuba import register
 from fresnel_decomp.mitsuba.comparison import conductor_bsdf, render_scene
-from fresnel_decomp.mitsuba.environment import Environment, city, texel_directions
+from fresnel_decomp.mitsuba.environment import Environment, texel_directions
 from fresnel_decomp.mitsuba.prefilter import prefilter
 from fresnel_decomp.mitsuba.scenes import lit_object
-from fresnel_decomp.mitsuba.split_sum import (
+from fresnel_decomp.mitsuba.skies import city
+from fresnel_decomp.mitsuba.split_sum import SplitMaterial, render_split_sum, shade, visible_surface
+from fresnel_decomp.models import F82, Exact, Schlick
+from fresnel_decomp.split_albedo import (
     SplitAlbedo,
-    SplitMaterial,
     f82_albedo,
     integrated_albedo,
-    render_split_sum,
     schlick_albedo,
     schlick_table,
-    shade,
-    visible_surface,
 )
-from fresnel_decomp.models import F82, Exact, Schlick
 from fresnel_decomp.table import AlbedoTable
 
 ETA, K = np.array([0.13, 0.43, 1.38]), np.array([3.9, 2.5, 1.9])  # like gold

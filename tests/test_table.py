@@ -375,7 +375,7 @@ def test_half_files_are_replaced_together(tmp_path, table, monkeypatch):
 
     monkeypatch.setattr(Path, "write_text", full)
     other = AlbedoTable(table.values[::-1], table.layout)
-    with pytest.raises(InputError, match=r"cannot write .*t\.half' \(No space left"):
+    with pytest.raises(InputError, match=r"cannot write .*t\.half\.json' \(No space left"):
         other.save(path)
     monkeypatch.undo()
     assert sorted((file.name, file.read_bytes()) for file in tmp_path.iterdir()) == before

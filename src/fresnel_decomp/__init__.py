@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from . import random_walk as random_walk
     from . import representations as representations
     from . import spectra as spectra
+    from . import split_albedo as split_albedo
     from . import table as table
     from ._check import InputError
     from .albedo import directional_albedo
@@ -109,7 +110,7 @@ _HOMES = {
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 _SUBMODULES = {
-    *("doctor", "images", "microfacet", "mitsuba", "notebook", "random_walk"),
+    *("doctor", "images", "microfacet", "mitsuba", "notebook", "random_walk", "split_albedo"),
     *_HOMES,
 } - {"_check"}
 

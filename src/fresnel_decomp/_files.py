@@ -20,8 +20,26 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path of the same suffix; rename it to `path` if the block succeeds.
 
     On any error, Ctrl-C included, the temporary file is removed and `path` stays as it was.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
     """
     target = Path(path)
+    try:
+        with _beside(target) as temporary:
+            yield temporary
+    except OSError as error:
+        raise input_error(
+            f"cannot write '{target}' ({error.strerror or error})",
+            "a file in a folder that exists and can be written to",
+            "Create the folder, or choose another.",
+        ) from error
+
+
+@contextlib.contextmanager
+def _beside(target: Path) -> Iterator[Path]:
     handle, name = tempfile.mkstemp(
         prefix=f".{target.stem}-", suffix=target.suffix, dir=target.parent
     )

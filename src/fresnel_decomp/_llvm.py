@@ -272,12 +272,13 @@ def _probe(text: str) -> tuple[tuple[int, ...] | None, str]:
         return None, error  # not remembered: a missing dependency can be installed any time
     version = tuple(json.loads(output))
     if stamp:
+        from ._check import InputError
         from ._files import write_json
 
         try:
             memory.parent.mkdir(parents=True, exist_ok=True)
             write_json(memory, {**known, text: [stamp, version]})
-        except OSError:
+        except (OSError, InputError):
             pass  # nowhere to remember it: the next process asks again
     return version, ""
 

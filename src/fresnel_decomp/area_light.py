@@ -42,6 +42,7 @@ from ._check import InputError, choose, input_error
 from .irradiance import cross, dot, ellipse_irradiance, polygon_irradiance
 from .ltc import Lobe, LobeTable
 from .microfacet import Vector, half_vector
+from .split_albedo import SplitAlbedo
 from .table import AlbedoTable
 
 __all__ = ["CORRECTIONS", "AreaLight", "AreaMaterial", "Lit", "lit_share", "shade_area_light"]
@@ -80,7 +81,8 @@ class AreaLight:
     Raises
     ------
     InputError
-        For other shapes, and for vectors without three components.
+        For other shapes, and for vectors without three components or, unless they are Dr.Jit's,
+        that are not finite.
 
     Examples
     --------
@@ -99,7 +101,14 @@ class AreaLight:
     def __post_init__(self) -> None:
         choose("shape", self.shape, _SHAPES)
         for name in ("centre", "u", "v"):
-            object.__setattr__(self, name, _triple(name, getattr(self, name)))
+            vector = _triple(name, getattr(self, name))
+            object.__setattr__(self, name, vector)
+            if not is_drjit(*vector) and not all(np.isfinite(part).all() for part in vector):
+                raise input_error(
+                    f"{name}={[np.asarray(part).tolist() for part in vector]}",
+                    "finite numbers",
+                    "A light's vectors are those to its centre and along its two half axes.",
+                )
         radiance = self.radiance
         if not is_drjit(radiance) and np.ndim(radiance) == 0:
             radiance = (radiance,) * 3
@@ -161,28 +170,7 @@ class AreaMaterial:
         >>> bool((abs(grey.fresnel(1.0) - 0.04) < 1e-3).all())
         True
         """
-        rows = list(coefficients)
-        if len(rows) != 3 or any(not hasattr(r, "__len__") or len(r) != table.terms for r in rows):
-            raise input_error(
-                f"coefficients of {len(rows)} channels",
-                f"3 channels with {table.terms} terms, as the table has",
-                "Make both from one basis; repeat a grey material three times.",
-            )
-
-        def albedo(mu: Any, alpha: Any) -> Any:
-            functions = table.lookup(mu, alpha)
-            if not is_drjit(mu, alpha):
-                return functions @ np.asarray(rows, functions.dtype).T
-            channels = []
-            for row in rows:
-                weights = _of_one_kind((functions[0], *row))[1:]
-                channels.append(
-                    sum(
-                        (c * b for c, b in zip(weights[1:], functions[1:], strict=True)),
-                        weights[0] * functions[0],
-                    )
-                )
-            return tuple(channels)
+        albedo = SplitAlbedo(table, coefficients)
 
         def fresnel(cos_theta: Any) -> Any:
             return albedo(cos_theta, 0.0)

@@ -276,17 +276,10 @@ class LobeTable:
             "sha256": self.sha256,
             "metadata": dict(self.metadata),
         }
-        try:
-            with replacing(path) as temporary, temporary.open("wb") as file:
-                np.savez_compressed(
-                    file, values=self.values, metadata=np.array(json.dumps(description))
-                )
-        except OSError as error:
-            raise input_error(
-                f"cannot write '{path}' ({error.strerror or error})",
-                "a file in a folder that exists and can be written to",
-                "Create the folder, or choose another.",
-            ) from error
+        with replacing(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(
+                file, values=self.values, metadata=np.array(json.dumps(description))
+            )
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> LobeTable:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import platform
 import subprocess
@@ -10,7 +11,7 @@ from typing import Any
 
 from ._version import __version__
 
-__all__ = ["describe_machine", "graphics_card", "machine_facts", "processor"]
+__all__ = ["describe_machine", "graphics_card", "machine_facts", "processor", "source_hash"]
 
 
 def machine_facts(variant: str) -> dict[str, Any]:
@@ -50,6 +51,24 @@ def describe_machine(facts: dict[str, Any]) -> str:
         f"{facts['variant']}, {facts['machine']}{device}{threads}, Mitsuba {facts['mitsuba']}, "
         f"Dr.Jit {facts['drjit']}"
     )
+
+
+def source_hash() -> str:
+    """A hash of all of this package's files, code and data: the same for the same results.
+
+    Examples
+    --------
+    >>> from fresnel_decomp.machine import source_hash
+    >>> len(source_hash())
+    64
+    """
+    package = Path(__file__).parent
+    found = hashlib.sha256()
+    for path in sorted(package.rglob("*")):
+        if path.is_file() and path.suffix != ".pyc":
+            found.update(f"{path.relative_to(package).as_posix()}\0".encode())
+            found.update(hashlib.sha256(path.read_bytes()).digest())
+    return found.hexdigest()
 
 
 def processor() -> str:

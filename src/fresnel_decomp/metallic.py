@@ -92,8 +92,8 @@ def load_metal_edge() -> MetalEdge:
 
 
 @functools.lru_cache(maxsize=64)  # kernels of scalar variants ask for the same few at every point
-def _weights_at(cos_theta: float) -> tuple[float, float]:
-    u, v = load_metal_edge().weights(cos_theta)
+def _weights_at(fitted: MetalEdge, cos_theta: float) -> tuple[float, float]:
+    u, v = fitted.weights(cos_theta)
     return float(u), float(v)
 
 
@@ -153,7 +153,9 @@ def default_edge_color(base_color: Any) -> Any:
     return load_metal_edge().edge_color(base_color)
 
 
-def metal_reflectance(base_color: Any, edge_color: Any, cos_theta: float) -> Any:
+def metal_reflectance(
+    base_color: Any, edge_color: Any, cos_theta: float, metal_edge: MetalEdge | None = None
+) -> Any:
     """Reflectance at one cosine.
 
     Parameters
@@ -161,13 +163,18 @@ def metal_reflectance(base_color: Any, edge_color: Any, cos_theta: float) -> Any
     base_color, edge_color : (...) float
         At normal incidence and at cos = 1/7.
     cos_theta : float in [0, 1]
+    metal_edge : MetalEdge, optional
+        Another fit than that which ships.
     """
     base_color, edge_color = one_kind(base_color, edge_color)
-    u, v = _weights_at(float(cos_theta))
+    fitted = load_metal_edge() if metal_edge is None else metal_edge
+    u, v = _weights_at(fitted, float(cos_theta))
     return 1.0 - u * (1.0 - base_color) - v * (1.0 - edge_color)
 
 
-def metal_coefficients(base_color: Any, edge_color: Any, basis: Basis) -> Any:
+def metal_coefficients(
+    base_color: Any, edge_color: Any, basis: Basis, metal_edge: MetalEdge | None = None
+) -> Any:
     """Coefficients of the curve: affine in both colours.
 
     Parameters
@@ -175,6 +182,8 @@ def metal_coefficients(base_color: Any, edge_color: Any, basis: Basis) -> Any:
     base_color, edge_color : (...) float
         At normal incidence and at cos = 1/7; see `default_edge_color`.
     basis : Basis
+    metal_edge : MetalEdge, optional
+        Another fit than that which ships.
 
     Returns
     -------
@@ -193,7 +202,10 @@ def metal_coefficients(base_color: Any, edge_color: Any, basis: Basis) -> Any:
         base_color, edge_color = np.broadcast_arrays(
             np.asarray(base_color, np.float64), np.asarray(edge_color, np.float64)
         )
-    nodes = [metal_reflectance(base_color, edge_color, float(np.cos(node))) for node in basis.nodes]
+    nodes = [
+        metal_reflectance(base_color, edge_color, float(np.cos(node)), metal_edge)
+        for node in basis.nodes
+    ]
     if is_drjit(base_color, edge_color):
         return basis.coefficients_from_reflectance(base_color, nodes)
     return basis.coefficients_from_reflectance(base_color, np.stack(nodes, axis=-1))

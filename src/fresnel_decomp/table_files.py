@@ -52,14 +52,7 @@ def save(table: AlbedoTable, path: str | os.PathLike[str], *, half: bool | None 
         )
     values = _stored(table.values, half)
     description = _describe(replace(table, values=values), "half" if half else "float")
-    try:
-        _write(path, suffix, values, description)
-    except OSError as error:
-        raise input_error(
-            f"cannot write '{path}' ({error.strerror or error})",
-            "a file in a folder that exists and can be written to",
-            "Create the folder, or choose another.",
-        ) from error
+    _write(path, suffix, values, description)
 
 
 def _write(path: Path, suffix: str, values: np.ndarray, description: dict[str, Any]) -> None:

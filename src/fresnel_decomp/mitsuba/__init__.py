@@ -12,8 +12,6 @@ from typing import Any
 
 import mitsuba as mi
 
-from .._check import input_error
-
 __all__ = ["register"]
 
 _registered: set[str] = set()
@@ -50,15 +48,12 @@ def register() -> None:
     >>> register()
     >>> beryllium = mi.load_dict({"type": "decomposed_conductor", "material": "Be", "alpha": 0.1})
     """
-    if mi.variant() is None:
-        raise input_error(
-            "no Mitsuba variant is set",
-            ", ".join(mi.variants()),
-            "Call mitsuba.set_variant(...) before register().",
-        )
+    from .variants import active_variant
+
+    variant = active_variant()
     if not _registered:
         mi.detail.add_variant_callback(_register_variant)
-    _register_variant(None, mi.variant())
+    _register_variant(None, variant)
 
 
 def _register_variant(_old: str | None, new: str) -> None:

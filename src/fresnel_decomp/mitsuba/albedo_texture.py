@@ -8,8 +8,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .._check import input_error
 from ..table import AlbedoTable
+from .variants import active_variant
 
 __all__ = ["AlbedoTexture", "bitmap_textures"]
 
@@ -43,12 +43,7 @@ class AlbedoTexture:
     """
 
     def __init__(self, table: AlbedoTable, use_accel: bool = False) -> None:
-        if mi.variant() is None:
-            raise input_error(
-                "no Mitsuba variant is set",
-                ", ".join(mi.variants()),
-                "Call mitsuba.set_variant(...) before.",
-            )
+        active_variant()
         self.table = table
         self.textures = [
             mi.Texture2f(

@@ -25,6 +25,7 @@ from .._version import __version__
 from ..basis import load_basis
 from ..images import read_exr, read_exr_attributes, write_exr
 from .scenes import load_scene
+from .variants import variant_scope
 
 __all__ = [
     "MODELS",
@@ -33,7 +34,6 @@ __all__ = [
     "render_bsdfs",
     "render_models",
     "render_scene",
-    "variant_scope",
 ]
 
 MODELS = ("exact", "decomposition", "schlick")
@@ -43,49 +43,6 @@ _WAVEFRONT = 2**22  # samples traced at once: memory, and the time until Ctrl-C 
 _WAVEFRONT_SCALAR = 2**17
 
 Progress = Callable[[str, float], None]
-
-
-@contextlib.contextmanager
-def variant_scope(variant: str | None = None) -> Iterator[str]:
-    """Activate a Mitsuba variant with our plugin for a block, then restore the one before.
-
-    Parameters
-    ----------
-    variant : str, optional
-        Name of a variant; by default the active one.
-
-    Yields
-    ------
-    str
-        The variant in use.
-
-    Raises
-    ------
-    InputError
-        If there is no such variant, it cannot run here, or none was named and none is active.
-    """
-    import mitsuba as mi
-
-    from ..doctor import require_variant
-    from . import register
-
-    before = mi.variant()
-    name = variant or before
-    if name is None:
-        raise input_error(
-            "no variant given and none is active",
-            ", ".join(mi.variants()),
-            "Pass variant=..., or call mitsuba.set_variant first.",
-        )
-    require_variant(name)  # a kernel without a usable LLVM would end the process
-    try:
-        if name != before:
-            mi.set_variant(name)
-        register()
-        yield name
-    finally:
-        if before is not None and mi.variant() != before:
-            mi.set_variant(before)
 
 
 def _index(name: str, value: ArrayLike, wavelength_nm: ArrayLike | None) -> float | dict[str, Any]:

@@ -29,7 +29,6 @@ from ..anisotropy import AnisotropicGrid
 from ..energy import EnergyTable, gain, lobe, missing
 from ..energy import weighted as weighted_sum
 from ..microfacet import Distribution, Smith
-from ..table import AlbedoTable
 from .albedo_texture import AlbedoTexture
 from .microfacet_lobe import raised
 from .ranges import recording
@@ -312,8 +311,7 @@ def _spread(plugin: Any, si: Any, active: Any) -> Any:
 
 @functools.lru_cache(maxsize=16)
 def _energy_table(functions: Any, distribution: Distribution, smith: Smith) -> EnergyTable:
-    table = AlbedoTable.bake(functions, smith=smith, distribution=distribution)
-    return EnergyTable.of(table, functions)
+    return EnergyTable.bake(functions, smith=smith, distribution=distribution)
 
 
 @functools.lru_cache(maxsize=16)

@@ -76,10 +76,12 @@ class DecomposedConductor:
     alpha, or alpha_u and alpha_v : float or texture > 0
         Roughness, along both or each of the tangents (default 0.1).
     smith : {"separable", "correlated"}
-        Shadowing (default "separable", as in `roughconductor`).
+        Shadowing. The default is "separable", as in `roughconductor`, and with
+        `energy_compensation` "correlated": separable shadowing loses light that no surface loses,
+        which cannot be put back in the right colour.
     energy_compensation : bool
         Put back what single scattering loses (default false), with a table and the formulas of
-        `energy`. See there and `compensation`.
+        `energy`. See there and `compensation`. Mind that it changes the default of `smith`.
     compensation : {"lobe", "scaling"}
         With `energy_compensation`: by a second, diffuse lobe, symmetric in the directions
         (default), or by scaling the first one, as real-time shading does.
@@ -119,7 +121,8 @@ class DecomposedConductor:
         types = mi.MicrofacetType
         self.distribution = types.GGX if distribution == "ggx" else types.Beckmann
         self.sample_visible = bool(props.get("sample_visible", True))
-        self.smith = choose("smith", str(props.get("smith", "separable")), SMITH)
+        likely = "correlated" if props.get("energy_compensation", False) else "separable"
+        self.smith = choose("smith", str(props.get("smith", likely)), SMITH)
         factor = "specular_reflectance"
         self.specular_reflectance = props.get_texture(factor) if factor in props else None
         self._set_roughness(props)

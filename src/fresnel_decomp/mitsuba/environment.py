@@ -1,4 +1,4 @@
-"""Light from all around as an equirectangular map: loaded, baked from `sunsky`, or made up.
+"""Light from all around as an equirectangular map: loaded, or given as an array.
 
 Maps follow Mitsuba's `envmap` emitter in its own frame, y up. With N columns and M rows, the
 direction (x, y, z) is at column N atan2(x, -z)/2π - 1/2 (periodic) and at row (M - 1) acos(y)/π,
@@ -8,10 +8,7 @@ poles, and -z is where the left edge meets the right one.
 
 from __future__ import annotations
 
-import functools
-import math
 import os
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,15 +16,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._array import drjit_module, is_drjit, one_kind
-from .._check import InputError, choose, input_error, is_real, is_whole
+from .._array import drjit_module, is_drjit
+from .._check import input_error, is_whole
+from .._vectors import as_vector
+from .variants import active_variant
 
-__all__ = ["Environment", "city", "sunsky", "texel_directions"]
+__all__ = [
+    "LARGEST_WIDTH",
+    "Environment",
+    "fetch",
+    "row_weights",
+    "texel_directions",
+    "unit_vectors",
+]
 
 _SUFFIXES = (".exr", ".hdr")
-_LARGEST = 16384  # columns
+LARGEST_WIDTH = 16384  # columns
 _ANY = 10**9  # columns to turn by
-_SUNSKY_OPTIONS = ("albedo", "sun_scale", "sky_scale", "sun_aperture", "complex_sun")
 
 
 def texel_directions(width: int, height: int | None = None) -> NDArray[np.float64]:
@@ -63,10 +68,11 @@ def texel_directions(width: int, height: int | None = None) -> NDArray[np.float6
     assert height is not None
     polar = np.linspace(0.0, np.pi, height)[:, None]
     turn = 2.0 * np.pi * (np.arange(width) + 0.5) / width
-    return _direction(polar, turn)
+    return unit_vectors(polar, turn)
 
 
-def _direction(polar: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[np.float64]:
+def unit_vectors(polar: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., 3) unit vectors to what is at these angles, in radians, in a map."""
     sine = np.sin(polar)
     parts = sine * np.sin(turn), np.cos(polar) + 0.0 * turn, -sine * np.cos(turn)
     return np.stack(parts, axis=-1)
@@ -133,7 +139,7 @@ class Environment:
         """
         import mitsuba as mi
 
-        _require_variant()
+        active_variant()
         path = Path(path)
         if path.suffix.lower() not in _SUFFIXES:
             raise input_error(
@@ -165,7 +171,7 @@ class Environment:
         """
         import mitsuba as mi
 
-        _require_variant()
+        active_variant()
 
         bitmap = mi.Bitmap(np.array(self.radiance), pixel_format=mi.Bitmap.PixelFormat.RGB)
         return {"type": "envmap", "bitmap": bitmap}
@@ -220,6 +226,7 @@ class Environment:
 
         Examples
         --------
+        >>> from fresnel_decomp.mitsuba.skies import city
         >>> city(64).resized(32).radiance.shape
         (16, 32, 3)
         """
@@ -257,6 +264,7 @@ class Environment:
 
         Examples
         --------
+        >>> from fresnel_decomp.mitsuba.skies import city
         >>> light = city(64)
         >>> bool((light.turned(64).radiance == light.radiance).all())
         True
@@ -280,86 +288,6 @@ def _hats(
     if periodic:
         distance = np.minimum(distance, 2.0 * np.pi - distance)
     return np.maximum(1.0 - distance / (coarse[1] - coarse[0]), 0.0)
-
-
-def as_vector(value: Any, name: str = "direction") -> Any:
-    """A tuple of three Dr.Jit arrays, if `value` consists of them, else a NumPy array (..., 3).
-
-    Vectors of Mitsuba's scalar variants consist of Python floats. Numbers beside Dr.Jit arrays
-    become arrays as well.
-
-    Raises
-    ------
-    InputError
-        For other numbers of components, tensors, and NumPy arrays beside Dr.Jit arrays.
-    """
-    dr = drjit_module()
-    if is_drjit(value) and dr is not None and dr.is_tensor_v(value):
-        raise _no_vector(f"{name}: a tensor of shape {tuple(value.shape)}")
-    if is_drjit(value) or (isinstance(value, tuple | list) and is_drjit(*value)):
-        components = [value[i] for i in range(len(value))]
-        if is_drjit(*components):
-            assert dr is not None
-            if len(components) != 3:
-                raise _no_vector(f"{name} of {len(components)} Dr.Jit arrays")
-            arrays = [c for c in components if is_drjit(c)]
-            if not all(dr.depth_v(c) == 1 and dr.is_float_v(c) for c in arrays):
-                raise _no_vector(f"{name} of {', '.join(type(c).__name__ for c in arrays)}")
-            kind = type(sum(0.0 * c for c in arrays))
-            return tuple(of_kind(kind, c) for c in one_kind(*components))
-    array = np.asarray(value)
-    if array.dtype.kind not in "fiu" or array.ndim == 0 or array.shape[-1] != 3:
-        raise _no_vector(f"{name}: {array.dtype} array of shape {array.shape}")
-    return array
-
-
-def _no_vector(given: str) -> InputError:
-    return input_error(
-        given,
-        "a real array (..., 3), or three Dr.Jit arrays such as mi.Vector3f has",
-        "Components are on the last axis of NumPy arrays; np.stack([x, y, z], axis=-1) joins them.",
-    )
-
-
-def as_vectors(*beside: Any, **named: Any) -> list[Any]:
-    """Vectors as `as_vector` returns them, all of one kind: that of Dr.Jit if any argument is.
-
-    Parameters
-    ----------
-    *beside
-        Numbers that are used together with them.
-    **named
-        Vectors; three numbers fit to Dr.Jit arrays, NumPy arrays of many vectors do not.
-
-    Raises
-    ------
-    InputError
-        For what is no vector, and for arrays of NumPy together with Dr.Jit's.
-    """
-    vectors = {name: as_vector(value, name) for name, value in named.items()}
-    arrays = [v for v in vectors.values() if isinstance(v, tuple)]
-    if not arrays and not is_drjit(*beside):
-        return list(vectors.values())
-    for name, vector in vectors.items():
-        if not isinstance(vector, tuple) and vector.ndim != 1:
-            raise input_error(
-                f"{name}: a NumPy array of shape {vector.shape} together with Dr.Jit arrays",
-                "arrays of one kind, and three numbers",
-                f"Convert first, e.g. mi.Vector3f({name}.T).",
-            )
-    one_kind(*beside, *(array for vector in arrays for array in vector))
-    parts = [value for value in beside if is_drjit(value)] + [v[0] for v in arrays]
-    kind = type(sum(0.0 * part for part in parts))
-    return [tuple(of_kind(kind, c) for c in vector) for vector in vectors.values()]
-
-
-def of_kind(kind: Any, value: Any) -> Any:
-    """A number as a Dr.Jit array, and no part of the kernel: the next one needs no new kernel."""
-    if is_drjit(value):
-        return value
-    dr = drjit_module()
-    assert dr is not None
-    return dr.opaque(kind, float(value)) if dr.is_jit_v(kind) else kind(float(value))
 
 
 def fetch(data: Any, offset: Any, height: Any, width: Any, x: Any, y: Any, z: Any) -> Any:
@@ -422,10 +350,10 @@ def _checked(value: ArrayLike, what: str) -> NDArray[np.float32]:
             "Drop the alpha channel.",
         )
     height, width, _ = radiance.shape
-    if width != 2 * height or height < 2 or width > _LARGEST:
+    if width != 2 * height or height < 2 or width > LARGEST_WIDTH:
         raise input_error(
             f"{what} of {width} x {height} pixels",
-            f"twice as many columns as rows, 4 to {_LARGEST} columns",
+            f"twice as many columns as rows, 4 to {LARGEST_WIDTH} columns",
             "Convert cube maps and light probes to the equirectangular projection first.",
         )
     bad = ~np.isfinite(radiance) | (radiance < 0)
@@ -440,254 +368,3 @@ def _checked(value: ArrayLike, what: str) -> NDArray[np.float32]:
     if not radiance.any():
         raise input_error(f"{what} without any light", "some radiance > 0", "Check the file.")
     return np.broadcast_to(radiance, (height, width, 3))
-
-
-def _require_variant(vectorised: bool = False) -> None:
-    import mitsuba as mi
-
-    variant = mi.variant()
-    if variant is None or (vectorised and variant.startswith("scalar")):
-        raise input_error(
-            "no Mitsuba variant is set" if variant is None else f"variant {variant}",
-            "an LLVM or CUDA variant" if vectorised else "any variant",
-            "Call mitsuba.set_variant(fresnel_decomp.doctor.best_variant()) first.",
-        )
-
-
-# --- sunsky --------------------------------------------------------------------------------------
-
-
-def sunsky(
-    width: int = 512,
-    *,
-    sun_direction: Sequence[float] = (-0.5, 0.45, -0.75),
-    turbidity: float = 3.0,
-    oversampling: int = 4,
-    **parameters: Any,
-) -> Environment:
-    """Mitsuba's `sunsky` emitter as a map, y up.
-
-    Each texel is the average over oversampling² directions of what it covers, and over many more
-    near the sun, so that a sun that is smaller than a texel keeps its power.
-
-    Parameters
-    ----------
-    width : int
-        Columns, even, 4 to 16,384.
-    sun_direction : (3,) float
-        Towards the sun, y up; above the horizon.
-    turbidity : float in [1, 10]
-    oversampling : int, ≥ 1
-        Directions along each side of a texel.
-    **parameters
-        Others of the emitter: `albedo`, `sun_scale`, `sky_scale`, `sun_aperture`, `complex_sun`.
-
-    Returns
-    -------
-    Environment
-        Called "sunsky".
-
-    Raises
-    ------
-    InputError
-        In scalar variants, which would need minutes; for a sun below the horizon, other sizes and
-        other turbidities; and for parameters that the emitter does not have, or values that it
-        refuses.
-    """
-    import drjit as dr
-    import mitsuba as mi
-
-    _require_variant(vectorised=True)
-    sun = np.asarray(sun_direction, np.float64)
-    if sun.shape != (3,) or not np.isfinite(sun).all() or not sun[1] > 0.0:
-        raise input_error(
-            f"sun_direction={sun_direction!r}",
-            "three finite numbers, the second > 0",
-            "y is up: (0, 1, 0) is a sun in the zenith.",
-        )
-    _check_size(width, oversampling)
-    if not is_real(turbidity, 1.0, 10.0):
-        raise input_error(
-            f"turbidity={turbidity!r}",
-            "a number in [1, 10]",
-            "3 is the default; haze grows with it.",
-        )
-    for name, value in parameters.items():
-        choose("parameter of sunsky", name, _SUNSKY_OPTIONS)
-        if isinstance(value, float) and not math.isfinite(value):  # taken without a word
-            raise input_error(f"{name}={value}", "finite values", "Leave it out for the default.")
-    description = {
-        "type": "sunsky",
-        "sun_direction": sun.tolist(),  # in the world's frame
-        "to_world": mi.ScalarTransform4f().rotate([1, 0, 0], -90.0),  # z is up in its own
-        "turbidity": float(turbidity),
-        **parameters,
-    }
-    try:
-        emitter = mi.load_dict(description)
-    except RuntimeError as error:
-        raise input_error(
-            f"parameters of sunsky {parameters} ({' '.join(str(error).split())})",
-            "values that Mitsuba's emitter takes",
-            "Leave out what you do not mean to change.",
-        ) from error
-
-    def radiance(directions: NDArray[np.float64]) -> NDArray[np.float64]:
-        towards = directions.reshape(-1, 3).astype(np.float32).T
-        si = dr.zeros(mi.SurfaceInteraction3f, towards.shape[1])
-        si.wi = -mi.Vector3f(*(mi.Float(np.ascontiguousarray(row)) for row in towards))
-        colour = np.array(mi.Color3f(emitter.eval(si)), np.float64).T
-        return np.maximum(colour, 0.0).reshape(directions.shape)
-
-    baked = _averaged(radiance, width, oversampling)
-    # the sun is half a degree wide: around it, sixteen directions across its diameter
-    towards = sun / np.linalg.norm(sun)
-    reach = np.radians(float(parameters.get("sun_aperture", 0.5358))) + 3.0 * np.pi / width
-    near = texel_directions(width) @ towards > np.cos(min(reach, np.pi))
-    fine = max(math.ceil(16.0 * 360.0 / width / 0.5358), oversampling)
-    baked[near] = _averaged(radiance, width, fine, near)
-    return Environment(baked, "sunsky")
-
-
-def _check_size(width: int, oversampling: int) -> None:
-    if not is_whole(width, 4, _LARGEST) or width % 2 or not is_whole(oversampling, 1):
-        raise input_error(
-            f"width={width!r}, oversampling={oversampling!r}",
-            f"an even integer width from 4 to {_LARGEST} and an integer oversampling ≥ 1",
-            "512 and 4 are enough for shading.",
-        )
-
-
-def _averaged(
-    radiance: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    width: int,
-    oversampling: int,
-    where: NDArray[np.bool_] | None = None,
-) -> NDArray[np.float64]:
-    """Bake a function of directions: box average over each texel, by solid angle.
-
-    (height, width, 3), or (n, 3) for the n texels that are True in `where`.
-    """
-    height = width // 2
-    where = np.ones((height, width), bool) if where is None else where
-    rows, columns = np.nonzero(where)
-    offsets = (np.arange(oversampling) + 0.5) / oversampling - 0.5
-    total, weight = np.zeros((len(rows), 3)), np.zeros((len(rows), 1))
-    for dy in offsets:
-        # beyond a pole the texel's area is on the other side of it: mirrored
-        polar = np.abs(np.pi * (rows + dy) / (height - 1))
-        polar = np.where(polar > np.pi, 2.0 * np.pi - polar, polar)[:, None]
-        share = np.maximum(np.sin(polar), 1e-12)  # a single direction may be the pole
-        turn = 2.0 * np.pi * (columns[:, None] + 0.5 + offsets) / width
-        total += share * radiance(_direction(polar, turn)).mean(axis=1)
-        weight += share
-    average = total / weight
-    return average.reshape(height, width, 3) if where.all() else average
-
-
-# --- a city made up ------------------------------------------------------------------------------
-
-
-def city(width: int = 512) -> Environment:
-    """A square between houses in the late afternoon, made of nothing but numbers.
-
-    A blue sky that is warm near the horizon, a low sun with radiance 70 and 5° across, rows of
-    houses with windows, some of them lit, and dark ground. It has what a photograph of a city has
-    and a studio lacks: small bright lights, edges, and colour that depends on direction. The
-    same numbers every time; needs no Mitsuba variant.
-
-    Parameters
-    ----------
-    width : int
-        Columns, even, 4 to 16,384.
-
-    Returns
-    -------
-    Environment
-        Called "city"; the last four widths are kept.
-
-    Raises
-    ------
-    InputError
-        For another width.
-
-    Examples
-    --------
-    >>> light = city(64)
-    >>> light.radiance.shape
-    (32, 64, 3)
-    """
-    _check_size(width, 4)
-    return _city(int(width))
-
-
-@functools.lru_cache(maxsize=4)
-def _city(width: int) -> Environment:
-    return Environment(_averaged(_city_radiance, width, 4), "city")
-
-
-_SUN = np.array([-0.78, 0.46, -0.42]) / np.linalg.norm([-0.78, 0.46, -0.42])
-_SUN_RADIUS = np.radians(2.5)
-_SUNLIGHT = np.array([1.0, 0.86, 0.66])
-
-
-def _city_radiance(directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    x, y, z = np.moveaxis(directions, -1, 0)
-    height = np.clip(y, 0.0, 1.0)[..., None]
-    cos_sun = np.clip(directions @ _SUN, -1.0, 1.0)
-    haze = (1.0 - height) ** 5
-    sky = (1.0 - haze) * [0.20, 0.36, 0.75] + haze * [1.15, 0.95, 0.78]
-    clouds = _clouds(x, y, z)[..., None]
-    sky = sky + clouds * ([0.95, 0.93, 0.92] - 0.6 * sky)
-    sky = sky + 0.9 * np.exp(-(1.0 - cos_sun) / 0.012)[..., None] * _SUNLIGHT
-    edge = np.clip((np.arccos(cos_sun) - _SUN_RADIUS) / np.radians(0.3) + 0.5, 0.0, 1.0)
-    sky = sky + 70.0 * (1.0 - edge)[..., None] * _SUNLIGHT
-
-    houses, covered = _houses(np.arctan2(x, -z), np.arcsin(np.clip(y, -1.0, 1.0)))
-    fade = 1.0 + 1.5 * np.exp(4.0 * np.minimum(y, 0.0))[..., None]
-    ground = np.array([0.105, 0.10, 0.095]) * fade
-    above = np.where(covered[..., None], houses, sky)
-    return np.where((y > 0.0)[..., None], above, ground)
-
-
-def _clouds(x: Any, y: Any, z: Any) -> Any:
-    """Cover in [0, 1]: a sum of waves over a flat layer high above."""
-    random = np.random.default_rng(11)
-    distance = 1.0 / (np.maximum(y, 0.0) + 0.15)
-    total = 0.0
-    for octave in range(4):
-        for _ in range(5):
-            turn, phase = 2.0 * np.pi * random.random(2)
-            along = 1.7 * 2.0**octave * distance * (np.cos(turn) * x + np.sin(turn) * z)
-            total = total + 0.62**octave * np.sin(along + phase)
-    cover = np.clip((total - 0.8) / 3.0, 0.0, 1.0)
-    return cover * np.clip(4.0 * y, 0.0, 1.0)
-
-
-def _houses(turn: NDArray[np.float64], elevation: NDArray[np.float64]) -> tuple[Any, Any]:
-    """Radiance of the row of houses, and where it hides the sky."""
-    random = np.random.default_rng(7)
-    count = 26
-    edges = np.cumsum(0.6 + random.random(count))
-    edges = 2.0 * np.pi * edges / edges[-1]
-    top = np.radians(8.0 + 36.0 * random.random(count) ** 1.5)
-    street = random.random(count) < 0.12
-    middle = edges - 0.5 * np.diff(edges, prepend=0.0)
-    facing = np.cos(middle - np.arctan2(_SUN[0], -_SUN[2]))
-    top = np.where(facing > 0.9, np.minimum(top, np.radians(13.0)), top)  # the sun is not hidden
-    walls = 0.45 + 0.45 * random.random((count, 1)) * [1.0, 1.0, 1.0] + [0.12, 0.03, -0.06]
-    # the sun shines on the houses that it is opposite to
-    walls = walls * (0.3 + 1.3 * np.clip(-facing, 0.0, 1.0)[:, None] * _SUNLIGHT)
-    lit = random.random((count, 64, 32)) < 0.2
-
-    turn = np.mod(turn, 2.0 * np.pi)
-    house = np.minimum(np.searchsorted(edges, turn, side="right"), count - 1)
-    width, storey = np.radians(3.2), np.radians(3.6)
-    column, row = turn / width, elevation / storey
-    across, up = np.mod(column, 1.0), np.mod(row, 1.0)
-    window = (np.abs(across - 0.5) < 0.27) & (np.abs(up - 0.55) < 0.28)
-    window &= elevation < top[house] - 0.35 * storey
-    shining = lit[house, column.astype(int) % 64, np.clip(row, 0, 31).astype(int)]
-    glass = np.where(shining[..., None], [4.2, 2.7, 1.3], [0.10, 0.13, 0.17])
-    colour = np.where(window[..., None], glass, walls[house])
-    return colour, (elevation < top[house]) & ~street[house]

@@ -17,6 +17,7 @@ from .._check import input_error, is_whole
 from ..table_layout import Layout
 from .environment import texel_directions
 from .prefilter import PrefilteredLight
+from .variants import active_variant
 
 __all__ = ["LightTexture"]
 
@@ -49,7 +50,7 @@ class LightTexture:
     --------
     >>> import mitsuba as mi
     >>> mi.set_variant("scalar_rgb")
-    >>> from fresnel_decomp.mitsuba.environment import city
+    >>> from fresnel_decomp.mitsuba.skies import city
     >>> from fresnel_decomp.mitsuba.light_texture import LightTexture
     >>> from fresnel_decomp.mitsuba.prefilter import prefilter
     >>> light = LightTexture(prefilter(city(32), levels=3))
@@ -60,12 +61,7 @@ class LightTexture:
     def __init__(
         self, light: PrefilteredLight, width: int | None = None, use_accel: bool = False
     ) -> None:
-        if mi.variant() is None:
-            raise input_error(
-                "no Mitsuba variant is set",
-                ", ".join(mi.variants()),
-                "Call mitsuba.set_variant(...) before.",
-            )
+        active_variant()
         width = light.levels[0].shape[1] if width is None else width
         if not is_whole(width, 4) or width % 2:
             raise input_error(

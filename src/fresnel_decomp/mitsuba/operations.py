@@ -15,7 +15,7 @@ from .._check import input_error
 __all__ = ["count_gathers", "count_operations", "count_vector_operations"]
 
 _LLVM = re.compile(
-    r"= (?:call (?:fast )?<.*?@llvm\.(?P<call>[a-z]+)[\w.]*\.v\d+f\d+"
+    r"= (?:call (?:fast )?<.*?@llvm\.(?!masked)(?P<call>[a-z]+)[\w.]*\.v\d+f\d+"
     r"|(?P<plain>f(?:add|sub|mul|div|neg))\b)"
 )
 _PTX = re.compile(
@@ -140,7 +140,8 @@ def _lines(function: Callable[..., Any], arguments: tuple[float, ...]) -> list[s
     """The text of all kernels that evaluate `function`."""
     inputs = [dr.opaque(mi.Float, value, 64) for value in arguments]
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        dr.eval(inputs)
+        # the first time also makes what the function keeps, such as a table
+        dr.eval(inputs, function(*inputs))
         dr.kernel_history_clear()
         dr.eval(function(*inputs))
         kernels = dr.kernel_history([dr.KernelType.JIT])

@@ -26,8 +26,9 @@ from numpy.typing import NDArray
 
 from .._array import drjit_constant, drjit_module, is_drjit
 from .._check import input_error, is_real, is_whole
+from .._vectors import as_vector, as_vectors
 from ..table_layout import Layout
-from .environment import Environment, as_vector, as_vectors, fetch, row_weights
+from .environment import Environment, fetch, row_weights
 
 __all__ = ["PrefilteredLight", "prefilter", "split_light"]
 
@@ -161,7 +162,7 @@ def prefilter(
 
     Examples
     --------
-    >>> from fresnel_decomp.mitsuba.environment import city
+    >>> from fresnel_decomp.mitsuba.skies import city
     >>> light = prefilter(city(32), levels=3)
     >>> [level.shape for level in light.levels]
     [(16, 32, 3), (16, 32, 3), (16, 32, 3)]

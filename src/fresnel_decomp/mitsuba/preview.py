@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._check import input_error, is_real, is_whole
-from .environment import city
 from .prefilter import PrefilteredLight, prefilter
+from .skies import city
 
 __all__ = ["SpherePreview"]
 
@@ -36,7 +36,7 @@ class SpherePreview:
     size : int
         Pixels along each side of the picture.
     light : PrefilteredLight
-        By default a small `environment.city`, which takes half a second to make.
+        By default a small `skies.city`, which takes half a second to make.
     background : float
         Radiance around the sphere; 1 is the white of a page.
 
@@ -48,7 +48,7 @@ class SpherePreview:
     Examples
     --------
     >>> from fresnel_decomp import AlbedoTable, load_basis
-    >>> from fresnel_decomp.mitsuba.split_sum import SplitAlbedo
+    >>> from fresnel_decomp.split_albedo import SplitAlbedo
     >>> basis = load_basis()
     >>> table = AlbedoTable.bake(basis, size=16)
     >>> sphere = SpherePreview(32)
@@ -83,7 +83,7 @@ class SpherePreview:
         Parameters
         ----------
         albedo : callable (mu, alpha) to (..., 3)
-            Such as a `split_sum.SplitAlbedo`.
+            Such as a `split_albedo.SplitAlbedo`.
         alpha : float in [0, 1]
 
         Returns

@@ -42,6 +42,9 @@ _LEAST_ALBEDO = 1e-4
 LEAST_ROOT = 1e-3
 """Square root of F0 below which the fit of the exact term's albedo fades out."""
 
+_LEAST_TINT = 1e-6
+"""Below it k, the square root of something like g, has a slope that float32 cannot hold."""
+
 _LEAST_SHARE = 0.02
 """Of the diffuse base: what the lobe's albedo counts for at least, when directions are chosen."""
 
@@ -385,7 +388,7 @@ class _Metal(Material):
     def indices(self) -> Sequence[Any]:
         tint = self.edges[0] if self.kind == "tint" else mi.UnpolarizedSpectrum(DEFAULT_EDGE_TINT)
         pairs = [
-            gulbrandsen_to_ior(dr.clip(r, 1e-8, LARGEST_R), dr.clip(g, 0.0, 1.0))
+            gulbrandsen_to_ior(_inside(r, 1e-8, LARGEST_R), _inside(g, _LEAST_TINT, 1.0))
             for r, g in zip(self.base, tint, strict=True)
         ]
         return tuple(_spectrum(values) for values in zip(*pairs, strict=True))
@@ -452,6 +455,11 @@ def _enabled(ctx: Any) -> tuple[bool, bool]:
         ctx.is_enabled(flags.GlossyReflection, 0),
         ctx.is_enabled(flags.DiffuseReflection, 1),
     )
+
+
+def _inside(value: Any, low: float, high: float) -> Any:
+    """`dr.clip` that is differentiated as if it were not there: at its ends, from within."""
+    return dr.replace_grad(dr.clip(value, low, high), value)
 
 
 def _mean(spectrum: Any) -> Any:

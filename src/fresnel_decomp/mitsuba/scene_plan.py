@@ -22,6 +22,7 @@ from ..plan import Choice, Plan, plan_surfaces
 from ..prediction import Metric
 from . import register
 from .inventory import Inventory, take_inventory
+from .variants import active_variant
 
 __all__ = ["ScenePlan", "inventory", "plan_scene"]
 
@@ -217,10 +218,7 @@ def _parse(origin: str | dict[str, Any], config: Any) -> Any:
 
 
 def _load(source: Source) -> tuple[Any, _Source | None]:
-    if mi.variant() is None:
-        raise input_error(
-            "no Mitsuba variant is set", ", ".join(mi.variants()), "Call mitsuba.set_variant first."
-        )
+    active_variant()
     register()
     if isinstance(source, mi.Scene):
         return source, None

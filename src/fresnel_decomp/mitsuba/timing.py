@@ -14,12 +14,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from .._check import choose, input_error
-from .comparison import variant_scope
 from .scenes import load_scene
+from .variants import variant_scope
 
 __all__ = ["Timing", "interleaved_times", "kernel_times", "ratio_and_spread"]
 
 _WARM_UP = 2  # rounds that compile and fill caches
+_MOST_REPEATS = 64
 
 
 @dataclass(frozen=True)
@@ -145,6 +146,10 @@ def interleaved_times(
 ) -> dict[str, dict[str, list[float]]]:
     """Kernel milliseconds of functions that take turns, after two rounds that compile.
 
+    Each function is run as often in a row as it fits, by the second of these rounds, into the time
+    of the first of its kind: a machine that does other things interrupts long work more often than
+    short work, so that only times of about equal length can be compared.
+
     Parameters
     ----------
     runs : mapping from kinds to names to functions that evaluate something
@@ -155,26 +160,40 @@ def interleaved_times(
 
     Returns
     -------
-    The times of all rounds, by kind and name. The order alternates, so that a slow moment of the
-    machine falls on all of a kind.
+    The times of one run in all rounds, by kind and name. The order alternates, so that a slow
+    moment of the machine falls on all of a kind.
     """
     import drjit as dr
 
     times: dict[str, dict[str, list[float]]] = {
         kind: {name: [] for name in by_name} for kind, by_name in runs.items()
     }
+    repeats = {kind: dict.fromkeys(by_name, 1) for kind, by_name in runs.items()}
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         for number in range(-_WARM_UP, rounds):
             for kind, by_name in runs.items():
+                found = {}
                 for name in list(by_name)[:: -1 if number % 2 else 1]:
+                    count = repeats[kind][name]
                     dr.kernel_history_clear()
-                    by_name[name]()
+                    for _ in range(count):
+                        by_name[name]()
                     dr.sync_thread()
                     history = dr.kernel_history([dr.KernelType.JIT])
-                    if number >= 0:
-                        times[kind][name].append(sum(entry["execution_time"] for entry in history))
+                    found[name] = sum(entry["execution_time"] for entry in history) / count
+                if number >= 0:
+                    for name, value in found.items():
+                        times[kind][name].append(value)
+                elif number == -1 and found:
+                    first = found[next(iter(by_name))]
+                    repeats[kind] = {n: _repeats(first, value) for n, value in found.items()}
             advance()
     return times
+
+
+def _repeats(whole: float, part: float) -> int:
+    """How often a part fits into a whole, once at least."""
+    return min(max(round(whole / part), 1), _MOST_REPEATS) if part > 0.0 else 1
 
 
 def ratio_and_spread(times: Sequence[float], reference: Sequence[float]) -> tuple[float, float]:

@@ -7,6 +7,7 @@ They are for LLVM and CUDA variants.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -16,6 +17,7 @@ __all__ = [
     "BERYLLIUM",
     "PICTURE_DEPTH",
     "UNROLL",
+    "Picture",
     "Run",
     "bsdf_evaluation",
     "compute_bound",
@@ -89,8 +91,22 @@ PICTURE_DEPTH = 5
 """Path vertices, `max_depth` of the integrator: up to four reflections by conductors."""
 
 
-def picture(bsdf: Mapping[str, Any], size: int, spp: int, seed: int = 0) -> Callable[[], Any]:
-    """Renders, and returns, conducting balls on a conducting floor under an even sky."""
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A scene; calling it renders, and returns, its picture."""
+
+    scene: Any
+    spp: int
+    seed: int
+
+    def __call__(self) -> Any:
+        image = mi.render(self.scene, spp=self.spp, seed=self.seed)
+        dr.eval(image)
+        return image
+
+
+def picture(bsdf: Mapping[str, Any], size: int, spp: int, seed: int = 0) -> Picture:
+    """Conducting balls on a conducting floor under an even sky."""
     scale = mi.ScalarTransform4f().scale(4.0)
     view = mi.ScalarTransform4f().look_at([0, -5, 2.5], [0, 0, 0.4], [0, 0, 1])
     material = dict(bsdf)
@@ -118,10 +134,4 @@ def picture(bsdf: Mapping[str, Any], size: int, spp: int, seed: int = 0) -> Call
             **balls,
         }
     )
-
-    def run() -> Any:
-        image = mi.render(scene, spp=spp, seed=seed)
-        dr.eval(image)
-        return image
-
-    return run
+    return Picture(scene, spp, seed)

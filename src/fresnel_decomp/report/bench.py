@@ -1,9 +1,11 @@
 """Speed against error: every model judged and timed in one run, which may be interrupted.
 
-Each model is first compared with an independent answer (`mitsuba.candidates.check`), then judged on
-sets of curves and measured materials by what its kernel evaluates, in float32, and then timed. A
-model's record is written after each of these stages, so that the same command goes on where it
-stopped. `bench_tables` and `bench_figures` make of the records what people read.
+Before anything is timed, all models, as functions, in BSDFs and in the scene of the picture, are
+compared with independent answers (`mitsuba.candidates.check`), in every run. Then each is judged on
+sets of curves and measured materials by what its kernel evaluates, in float32, and timed. A model's
+record is written after each of these two stages, so that the same command goes on where it stopped.
+Records are those of one version of the package and one set of settings: any other has its own.
+`bench_tables` and `bench_figures` make of the records what people read.
 
 Times are kernel times relative to those of `mi.fresnel_conductor` (of a BSDF and a picture:
 `roughconductor`). Some models at a time take turns with it, round by round; a ratio is the median
@@ -14,6 +16,7 @@ from __future__ import annotations
 
 import datetime
 import fnmatch
+import hashlib
 import json
 import os
 import re
@@ -48,6 +51,9 @@ KINDS = {
 
 _GROUP = 8
 """Models that take turns with the built-in."""
+
+_LOOK = {"distribution": "ggx", "alpha": 0.2}
+"""Of all surfaces."""
 
 _CHUNK = 1024  # curves at a time: 34 MB for each array
 
@@ -101,8 +107,14 @@ class Settings:
         for name, limit in least.items():
             if not is_whole(getattr(self, name), limit, 2**32 - 1):
                 raise input_error(
-                    f"{name}={getattr(self, name)}", f"a whole number from {limit}", "Leave it out."
+                    f"{name}={getattr(self, name)}",
+                    f"a whole number from {limit}",
+                    "11 is the default; medians that are to be quoted need 9."
+                    if name == "rounds"
+                    else "Leave it out for the default.",
                 )
+        if self.variant not in doctor.usable_variants():
+            doctor.require_variant(self.variant)  # says what there is
         if self.variant.startswith("scalar"):
             raise input_error(
                 f"variant '{self.variant}'",
@@ -123,9 +135,10 @@ class Bench:
 
     Attributes
     ----------
-    about : machine, versions, settings, and the sets
-    rows : one for each model: `model`, `family`, `form`, ..., errors as "{set}_{error}", costs as
-        "{kind}_ratio" and "{kind}_spread"; None where there is none
+    about : machine, versions, a hash of the package, and settings
+    rows : one for each model: `model`, `family`, `form`, ..., errors as "{set}_{error}", times as
+        "{kind}_ratio", "{kind}_spread" and, round by round, "{kind}_ratios"; None where there is
+        none
     """
 
     about: dict[str, Any]
@@ -145,7 +158,8 @@ def run(
     ----------
     settings : Settings
     folder : path, created if needed
-        Records go to `models/` in it, one file for each model.
+        Records go to a folder in it whose name tells versions and settings apart, one file for
+        each model.
     force : bool
         Measure again what is finished.
     progress : called with the stage and the fraction of all work that is done
@@ -158,21 +172,24 @@ def run(
         If a model does not evaluate to what it claims to be.
     """
     settings.check()
-    target = writable_folder(Path(folder) / "models")
-    from ..mitsuba.comparison import variant_scope
+    from ..mitsuba.variants import variant_scope
 
     with variant_scope(settings.variant):
-        from ..machine import machine_facts
+        from ..machine import machine_facts, source_hash
         from ..mitsuba.candidates import candidates
 
         chosen = _select(candidates(settings.table_sizes), settings.models)
         about = {
             **machine_facts(settings.variant),
             **{k: v for k, v in asdict(settings).items() if k not in ("models", "variant")},
+            "source": source_hash(),
         }
         about = json.loads(json.dumps(about))  # as it is read back
+        stem = hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()[:8]
+        target = writable_folder(Path(folder) / f"models-{stem}")
         records = {c.name: _Record(target, c, about, force) for c in chosen}
         work = _Work(settings, records, progress)
+        work.check(chosen)
         for start in range(0, len(chosen), _GROUP):
             work.finish(chosen[start : start + _GROUP])
     return Bench(about | {"finished": _now()}, [records[c.name].row for c in chosen])
@@ -186,8 +203,8 @@ def _select(everything: Sequence[Candidate], patterns: Sequence[str]) -> list[Ca
             raise input_error(
                 f"no model is called '{pattern}'",
                 "names and patterns, such as Schlick, 'balanced*', '*, 4 terms'",
-                f"There are {', '.join(n for n in names if ' float' not in n)} and tables, such as "
-                f"'{names[-1]}'.",
+                f"There are {'; '.join(n for n in names if ' float' not in n)}; and tables, such "
+                f"as '{names[-1]}'.",
             )
     return [
         candidate
@@ -231,13 +248,14 @@ class _Record:
 
 
 class _Work:
-    """The stages, group by group: errors, then times; records as each of the two is there."""
+    """Checks of all models, then group by group errors and times, with records of these two."""
 
     def __init__(
         self, settings: Settings, records: Mapping[str, _Record], progress: Progress
     ) -> None:
         self.settings, self.records, self._progress = settings, records, progress
         self.done, self.total = 0.0, float(len(records))
+        self.distances: dict[str, float] = {}
         self.sets = {name: _thinned(make(), settings.thin) for name, make in SETS.items()}
         self.materials = usable_materials()[:: settings.thin]
         cosines = np.clip(np.cos(np.radians(COLOUR_DEGREES)), 0.0, 1.0)
@@ -249,22 +267,38 @@ class _Work:
         self.done += share
         self._progress(stage, min(1.0, self.done / self.total))
 
-    def finish(self, group: Sequence[Candidate]) -> None:
-        from ..mitsuba.candidates import check
+    def check(self, chosen: Sequence[Candidate]) -> None:
+        """Compare all answers, those of finished models too; raises `WrongAnswerError`."""
+        import mitsuba as mi
 
+        from ..mitsuba import candidates, workloads
+
+        s = self.settings
+        si, wo = workloads.directions(min(s.bsdf_points, 20_000), s.seed + 1)
+        mirror = mi.load_dict({"type": "roughconductor", "material": "none", **_LOOK})
+        for candidate in chosen:
+            self.distances[candidate.name] = candidates.check(candidate)
+            if candidate.bsdf is not None:
+                material = {**candidate.bsdf, **_LOOK}
+                candidates.check_bsdf(candidate, mi.load_dict(material), mirror, si, wo)
+                picture = workloads.picture(material, s.size, s.spp, s.seed)
+                candidates.check_picture(candidate, picture, mirror, s.seed)
+            self.progress("checking answers", 0.1)
+
+    def finish(self, group: Sequence[Candidate]) -> None:
         pending = [c for c in group if "times" not in self.records[c.name].finished]
-        self.progress("finished before", len(group) - len(pending))
+        self.progress("finished before", 0.9 * (len(group) - len(pending)))
         unjudged = [c for c in pending if "errors" not in self.records[c.name].finished]
-        identities = {c.name: self.identity(c, check(c)) for c in unjudged}  # before anything else
         errors = self.errors(unjudged) if unjudged else {}
         for candidate in unjudged:
-            row = identities[candidate.name] | errors[candidate.name] | self.colours_of(candidate)
+            row = self.identity(candidate) | errors[candidate.name] | self.colours_of(candidate)
+            row["worst_max"] = _worst(row)
             self.records[candidate.name].add("errors", row)
-        self.progress(f"errors of {group[-1].family}", 0.3 * len(pending))
+        self.progress(f"errors of {group[-1].family}", 0.2 * len(pending))
         if pending:
             self.times(pending)
 
-    def identity(self, candidate: Candidate, distance: float) -> Row:
+    def identity(self, candidate: Candidate) -> Row:
         """Everything but errors and times."""
         from ..mitsuba.candidates import operation_counts
 
@@ -278,7 +312,7 @@ class _Work:
             "storage": candidate.storage,
             "integrates": candidate.integrates,
             "in_plugin": candidate.bsdf is not None,
-            "distance_to_answer": distance,
+            "distance_to_answer": self.distances[candidate.name],
             "shared_bytes": candidate.shared_bytes,
             "material_bytes": material,
             "bytes": candidate.shared_bytes + material,
@@ -330,6 +364,11 @@ class _Work:
                 )
                 base = float(np.median(times[kind][BASE])) if found else None
                 row |= {f"{kind}_ratio": ratio, f"{kind}_spread": spread}
+                row[f"{kind}_ratios"] = (
+                    [a / b for a, b in zip(found, times[kind][BASE], strict=True)]
+                    if found
+                    else None
+                )
                 row[f"{kind}_ns"] = (
                     1e6 * float(np.median(found)) / self.count(kind) if found else None
                 )
@@ -346,12 +385,11 @@ class _Work:
         return {"bsdf": s.bsdf_points, "render": s.size * s.size * s.spp}.get(kind, s.points)
 
     def runs(self, group: Sequence[Candidate]) -> dict[str, dict[str, Callable[[], Any]]]:
-        """For each kind and model, what runs it; BSDFs and pictures are checked on the way."""
+        """For each kind and model, what runs it."""
         import drjit as dr
         import mitsuba as mi
 
         from ..mitsuba import workloads as work
-        from ..mitsuba.candidates import check_bsdf, check_picture
 
         s = self.settings
         many, few = (work.random_cosines(size, s.seed) for size in (s.points, s.elements))
@@ -372,20 +410,11 @@ class _Work:
         surfaces = [candidate for candidate in group if candidate.bsdf is not None]
         if len(surfaces) == 1 and len(group) > 1:  # the built-in alone: nothing to compare
             return runs
-        look = {"distribution": "ggx", "alpha": 0.2}
         si, wo = work.directions(s.bsdf_points, s.seed)
-        few_directions = work.directions(20_000, s.seed + 1)
-        mirror = mi.load_dict({"type": "roughconductor", "material": "none", **look})
-        reference = None
         for candidate in surfaces:
-            material = {**(candidate.bsdf or {}), **look}
-            bsdf = mi.load_dict(material)
-            check_bsdf(candidate, bsdf, mirror, *few_directions)
-            runs["bsdf"][candidate.name] = work.bsdf_evaluation(bsdf, si, wo)
-            runs["render"][candidate.name] = picture = work.picture(material, s.size, s.spp, s.seed)
-            image = np.array(picture(), np.float64)
-            reference = image if reference is None else reference
-            check_picture(candidate, image, reference)
+            material = {**(candidate.bsdf or {}), **_LOOK}
+            runs["bsdf"][candidate.name] = work.bsdf_evaluation(mi.load_dict(material), si, wo)
+            runs["render"][candidate.name] = work.picture(material, s.size, s.spp, s.seed)
         return runs
 
 
@@ -397,6 +426,12 @@ _ERRORS = (
     "max", "p99", "mean", "rmse", "albedo_max", "albedo_p99", "albedo_mean", "albedo_rmse",
 )  # fmt: skip
 _COLOUR_ERRORS = ("max", "p99", "mean", "rmse")
+
+
+def _worst(row: Row) -> float | None:
+    """The largest error over all sets, of models that are for all of them."""
+    largest = [row[f"{name}_max"] for name in SETS]
+    return None if None in largest else max(largest)
 
 
 def _thinned(members: Any, step: int) -> Any:

@@ -1,12 +1,16 @@
-"""Pareto plots of a benchmark: error over cost, and the models that nothing beats.
+"""Pareto plots of a benchmark: error over cost, and the models that nothing beats by name.
 
-Colour says the recipe, the number beside a mark its terms. The dark line is the front of models
-that can be integrated over rough surfaces ahead of time, the dashed one that of all models.
+The wide yellow staircase is the front of models that can be integrated over rough surfaces ahead
+of time: whoever goes up from a budget meets it at the best model for that budget, whose name stands
+at the left end of the step. It is `pareto.front`, of which the tables of budgets are made too.
 """
 
 from __future__ import annotations
 
+import itertools
+import math
 import os
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,33 +19,32 @@ import numpy as np
 
 from . import style
 from .bench import Row
-from .bench_tables import COSTS, ERRORS, front
+from .bench_words import COSTS, ERRORS
+from .pareto import counted, front, tied
 
 __all__ = ["draw_cost", "draw_overview", "figure_paths", "write_figures"]
 
-RATIO_COSTS = tuple(cost for cost in COSTS if cost.endswith("_ratio"))
+OVERVIEW = ("compute_ratio", "bsdf_ratio", "bytes")
+"""Costs that the figure of README shows."""
+
 AXIS_LABELS = {
-    "compute_ratio": "time / mi.fresnel_conductor, compute-bound kernel, RGB",
-    "streaming_ratio": "time / mi.fresnel_conductor, streaming kernel, RGB",
-    "bsdf_ratio": "time / roughconductor, BSDF only",
-    "render_ratio": "time / roughconductor, whole render",
-    "bytes": "bytes: constants or table, and one RGB material",
-    "operations": "arithmetic operations, RGB",
+    "compute_ratio": "time / mi.fresnel_conductor",
+    "streaming_ratio": "time / mi.fresnel_conductor",
+    "bsdf_ratio": "time / roughconductor",
+    "render_ratio": "time / roughconductor",
+    "bytes": "bytes, shared and of one RGB material",
+    "operations": "operations and loads, RGB",
 }
-ERROR_LABELS = {
-    "d_max": "largest error, measured materials",
-    "d_rmse": "RMSE, measured materials",
-    "d_albedo_mean": "mean error of the albedo, measured materials",
-    "delta_e_mean": "mean ΔE$_{00}$, measured materials",
-}
-NAMES = {
-    "mi.fresnel_conductor": "exact built-in",
-    "mi.fresnel_polarized": "mi.fresnel_polarized",
-    "exact, native": "ours exact, native",
-    "exact, wide": "ours exact, wide",
-}
+HOW_TO_READ = (
+    "Go up from your budget to the yellow line, then left along the step: the model named there "
+    "has the least error for that budget. Rings: times within noise of the line."
+)
+_FRONT = "#ecbb00"
+_ALL = "#7a68a6"
+_INK = "#1a1a1a"
 _GREY = "#606060"
-_LABEL_SIZE = 6.8
+_SIZE = 9.0  # points; a figure 8.65 inches wide has them on a page that is 830 pixels wide
+_WIDTH = 8.65
 _MARKERS = {"Schlick": "X", "F82": "h", "Lazanyi": "p", "Gulbrandsen": "d", "exact": "*"}
 _MARKERS |= {"Mitsuba": "*"}
 
@@ -60,90 +63,93 @@ def write_figures(rows: Sequence[Row], folder: str | os.PathLike[str], note: str
     draw_overview(rows, paths["overview"], note)
     written = [paths["overview"]]
     for cost in COSTS:
-        if sum(row[cost] is not None for row in rows) > 1:
+        if sum(row.get(cost) is not None for row in rows) > 1:
             draw_cost(rows, cost, paths[cost], note)
             written.append(paths[cost])
     return written
 
 
 def draw_overview(rows: Sequence[Row], path: Path, note: str = "", error: str = "d_rmse") -> None:
-    """One panel for each kind of cost."""
+    """Three kinds of cost, and how to read them."""
     with style.styled():
-        fig = style.figure(11.6, 7.8)
-        for place, cost in enumerate(COSTS):
-            axes = _place(fig, place % 3, place // 3, 3, 2)
+        fig = style.figure(_WIDTH, 7.6)
+        for place, cost in enumerate(OVERVIEW):
+            axes = _place(fig, place, 2)
             _panel(axes, rows, cost, error)
-            axes.set_title(COSTS[cost], loc="left")
-            if place % 3 == 0:
-                axes.set_ylabel(ERROR_LABELS[error])
-        _frame(fig, rows, "Cost against error of Fresnel models", note)
-        style.save(fig, path, dpi=150)
+            axes.set_title(COSTS[cost][0].upper() + COSTS[cost][1:], loc="left", size=11)
+            axes.set_ylabel(ERRORS[error], size=_SIZE)
+        _key(fig, _place(fig, 3, 2), rows, note)
+        style.save(fig, path)
 
 
 def draw_cost(rows: Sequence[Row], cost: str, path: Path, note: str = "") -> None:
-    """One panel for each of four errors."""
+    """One panel for each of five errors, and how to read them."""
     with style.styled():
-        fig = style.figure(10.0, 8.4)
+        fig = style.figure(_WIDTH, 11.0)
         for place, error in enumerate(ERRORS):
-            axes = _place(fig, place % 2, place // 2, 2, 2)
+            axes = _place(fig, place, 3)
             _panel(axes, rows, cost, error)
-            axes.set_title(ERROR_LABELS[error], loc="left")
-            axes.set_ylabel("ΔE$_{00}$" if error == "delta_e_mean" else "error")
-        _frame(fig, rows, f"Error over cost: {COSTS[cost]}", note)
-        style.save(fig, path, dpi=150)
+            title = ERRORS[error].replace("mean error of the albedo", "mean albedo error")
+            axes.set_title(_plain(title[0].upper() + title[1:]), loc="left", size=10)
+        _key(fig, _place(fig, len(ERRORS), 3), rows, note)
+        style.save(fig, path)
 
 
-def _place(fig: Any, column: int, line: int, columns: int, lines: int) -> Any:
+def _plain(text: str) -> str:
+    return text.replace("ΔE00", "ΔE$_{00}$")
+
+
+def _place(fig: Any, place: int, lines: int) -> Any:
+    """Axes number `place` of two columns, from the top left."""
     width, height = fig.get_size_inches()
-    left, top, below, gap_x, gap_y = 0.78, 1.14, 0.52, 0.66, 0.82
-    w = (width - left - 0.12 - gap_x * (columns - 1)) / columns
+    left, top, right, below, gap_x, gap_y = 0.74, 0.34, 0.1, 0.52, 0.7, 0.86
+    w = (width - left - right - gap_x) / 2
     h = (height - top - below - gap_y * (lines - 1)) / lines
+    line, column = divmod(place, 2)
     x, y = left + column * (w + gap_x), height - top - (line + 1) * h - line * gap_y
     return fig.add_axes((x / width, y / height, w / width, h / height))
 
 
-def _frame(fig: Any, rows: Sequence[Row], title: str, note: str) -> None:
-    """Title, key and the line about the machine."""
+def _key(fig: Any, axes: Any, rows: Sequence[Row], note: str) -> None:
+    """How to read the panels, what the marks are, and where times were taken."""
     from matplotlib.lines import Line2D
 
-    width, height = fig.get_size_inches()
+    axes.set_axis_off()
 
-    def write(x: float, y: float, text: str, **options: Any) -> None:
-        fig.text(x / width, 1.0 - y / height, text, va="center", **options)
+    def write(y: float, text: str, **options: Any) -> None:
+        axes.text(0.0, y, text, transform=axes.transAxes, va="top", linespacing=1.25, **options)
 
-    write(0.12, 0.2, title, size=12)
-    write(0.12, 0.42, note, size=7, color=_GREY)
-    families = [name for name in style.RECIPE_COLOURS if any(r["family"] == name for r in rows)]
+    write(1.04, "How to read", size=11)
+    write(0.95, textwrap.fill(HOW_TO_READ, 58), size=_SIZE)
+
+    def mark(label: str, marker: str, colour: str = _INK, **options: Any) -> Any:
+        return Line2D(
+            [], [], color=colour, marker=marker, lw=0, label=label, **({"ms": 6.5} | options)
+        )
+
     marks = [
-        Line2D([], [], color=style.RECIPE_COLOURS[name], marker=style.RECIPE_MARKERS[name], lw=0,
-               ms=5, label=name)
-        for name in families
-    ]  # fmt: skip
-    if any(row["form"] == "table" for row in rows):
-        marks.append(Line2D([], [], color=_GREY, marker=".", lw=0, ms=5, label="table, float32"))
-        marks.append(
-            Line2D([], [], color=_GREY, marker=".", mfc="white", mew=0.6, lw=0, ms=5,
-                   label="table, float16")
-        )  # fmt: skip
-    marks += [
-        Line2D([], [], color="#1a1a1a", marker="X", lw=0, ms=5, label="other, preintegrable"),
-        Line2D(
-            [],
-            [],
-            color="#1a1a1a",
-            marker="p",
-            mfc="white",
-            lw=0,
-            ms=5,
-            label="other, not preintegrable",
-        ),
-        Line2D([], [], color="#1a1a1a", lw=1.4, label="front, preintegrable"),
-        Line2D([], [], color="#8a8a8a", lw=1.0, ls="--", label="front, all"),
+        mark(name, style.RECIPE_MARKERS[name], style.RECIPE_COLOURS[name])
+        for name in style.RECIPE_COLOURS
+        if any(row["family"] == name for row in rows)
     ]
-    fig.legend(
-        handles=marks, loc="upper left", bbox_to_anchor=(0.08 / width, 1.0 - 0.5 / height),
-        ncols=len(marks) if width > 10 else (len(marks) + 1) // 2, fontsize=7, handlelength=1.4,
-        columnspacing=1.0, handletextpad=0.4, borderaxespad=0.0,
+    if any(row["form"] == "table" for row in rows):
+        marks += [mark("table, float32", "o", _GREY, ms=3.0)]
+        marks += [mark("table, float16", "x", _GREY, ms=3.6, mew=0.8)]
+    marks += [
+        mark("other model", "X"),
+        mark("not preintegrable", "d", mfc="white"),
+        mark("within noise of the line", "o", _FRONT, mfc="none", ms=11, mew=1.4),
+        Line2D([], [], color=_FRONT, lw=4.0, label="best for a budget"),
+        Line2D([], [], color=_ALL, lw=1.4, ls="--", label="with not preintegrable"),
+    ]
+    axes.legend(
+        handles=marks, loc="upper left", bbox_to_anchor=(-0.02, 0.66), ncols=2, fontsize=_SIZE,
+        handlelength=1.6, columnspacing=1.2, handletextpad=0.5, borderaxespad=0.0,
+        labelspacing=0.45,
+    )  # fmt: skip
+    axes.text(
+        0.0, -0.14, textwrap.fill(note, 54), transform=axes.transAxes, va="bottom", size=_SIZE,
+        color=_GREY, linespacing=1.2,
     )  # fmt: skip
 
 
@@ -154,185 +160,250 @@ class _Point(NamedTuple):
 
 
 def _panel(axes: Any, rows: Sequence[Row], cost: str, error: str) -> None:
-    shown = [r for r in rows if r[cost] is not None and r[error] is not None and r[cost] > 0]
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.set_xlabel(AXIS_LABELS[cost], size=7.8)
+    axes.set_xlabel(AXIS_LABELS[cost], size=_SIZE)
+    axes.tick_params(labelsize=_SIZE)
+    known = [(r, counted(r, cost), counted(r, error)) for r in rows]
+    shown = [(r, x, y) for r, x, y in known if x is not None and y is not None and x > 0]
     if not shown:
         axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", color=_GREY)
         return
-    floor = _floor([r for r in shown if r["family"] not in ("exact", "Mitsuba")], error)
-    points = [_Point(r, r[cost], max(r[error], floor / 2.0)) for r in shown]
-    x = np.array([p.x for p in points])
-    axes.set_xlim(
-        x.min() / 1.22, x.max() * 1.35 if cost not in ("render_ratio",) else x.max() * 1.1
+    floor = _floor([y for r, _, y in shown if not _is_exact(r)])
+    points = [_Point(r, x, max(y, floor / 2.0)) for r, x, y in shown]
+    under = any(y < floor for _, _, y in shown)
+    xs, ys = [p.x for p in points], [p.y for p in points]
+    widen = max(max(xs) / min(xs), 1.2) ** 0.06
+    axes.set_xlim(min(xs) / widen**1.6, max(xs) * widen)
+    low, high = (floor / 3.2 if under else min(ys)), max(max(ys), 1.2 * min(ys))
+    axes.set_ylim(low if under else low / (high / low) ** 0.1, high * (high / low) ** 0.06)
+    if under:
+        axes.axhspan(low, floor, color="#f1f1f1", lw=0, zorder=0)
+    by_model = {p.row["model"]: p for p in points}
+    best, every = (
+        [by_model[row["model"]] for row in front(rows, cost, error, integrates=integrates)]
+        for integrates in (True, False)
     )
-    axes.set_ylim(floor / 3.2, 2.0 * max(p.y for p in points))
-    if any(r[error] < floor for r in shown):
-        axes.axhspan(floor / 3.2, floor, color="#f3f3f3", lw=0, zorder=0)
-        axes.text(
-            0.008, 0.012, f"below {floor:g}", transform=axes.transAxes, ha="left", va="bottom",
-            size=6, color=_GREY,
-        )  # fmt: skip
+    rings = [by_model[row["model"]] for row in tied(rows, cost, error, integrates=True)]
+    _stairs(axes, every, color=_ALL, lw=1.4, ls="--", zorder=2.0)
+    steps = _stairs(axes, best, color=_FRONT, lw=4.0, zorder=2.4, solid_joinstyle="miter")
+    strong = {id(p) for p in best}
     for point in points:
-        _mark(axes, point)
-    fronts = []
-    by_name = {p.row["model"]: p for p in points}
-    for able, look in (
-        (False, {"color": "#8a8a8a", "lw": 1.0, "ls": "--", "zorder": 2.0}),
-        (True, {"color": "#1a1a1a", "lw": 1.4, "zorder": 2.5}),
-    ):
-        best = [by_name[row["model"]] for row in front(rows, cost, error, integrates=able)]
-        _stairs(axes, best, look)
-        fronts.append(best)
-    for point in {id(p): p for p in (*fronts[0], *fronts[1])}.values():
+        _mark(axes, point, strong=id(point) in strong, pale=_pale(point, best, rings))
+    for point in rings:
+        axes.plot(
+            point.x, point.y, color=_FRONT, marker="o", mfc="none", ms=11, mew=1.4, lw=0, zorder=2.9
+        )
+    for point in best:
         _spread(axes, point, cost)
-    names = {p.row["model"] for p in fronts[1]}
-    labelled = fronts[1] + [p for p in fronts[0] if p.row["model"] not in names]
-    others = [p for p in points if p.row["form"] == "formula" and p not in labelled]
-    _label(axes, points, labelled, others)
     _ticks(axes, cost)
+    _Labels(axes, points, steps).write(best, points)
 
 
-def _floor(rows: Sequence[Row], error: str) -> float:
+def _is_exact(row: Row) -> bool:
+    return row["family"] in ("exact", "Mitsuba")
+
+
+def _pale(point: _Point, best: Sequence[_Point], rings: Sequence[_Point]) -> bool:
+    """What is beaten stands back; models outside the contest do not."""
+    return point.row["form"] != "formula" and not any(point is p for p in (*best, *rings))
+
+
+def _floor(errors: Sequence[float]) -> float:
     """A round number below every approximation's error."""
-    least = min((r[error] for r in rows), default=1e-4)
-    power = 10.0 ** np.floor(np.log10(max(least, 1e-7) * 0.8))
-    return float(next(s * power for s in (5.0, 2.0, 1.0) if s * power <= 0.8 * max(least, 1e-7)))
+    least = 0.8 * max(min(errors, default=1e-4), 1e-7)
+    power = 10.0 ** math.floor(math.log10(least))
+    return next(s * power for s in (5.0, 2.0, 1.0) if s * power <= least * (1.0 + 1e-9))
 
 
-def _mark(axes: Any, point: _Point) -> None:
+def _mark(axes: Any, point: _Point, strong: bool, pale: bool) -> None:
     row = point.row
-    colour = style.RECIPE_COLOURS.get(row["family"], "#1a1a1a")
+    colour = style.RECIPE_COLOURS.get(row["family"], _INK)
     if row["form"] == "table":
         half = row["storage"] == "float16"
         axes.plot(
-            point.x, point.y, color=colour, marker=".", ms=3.6, lw=0, alpha=0.55, zorder=2.2,
-            mfc="white" if half else colour, mew=0.5,
+            point.x, point.y, color=colour, marker="x" if half else "o", ms=2.8 if half else 2.2,
+            mew=0.6, lw=0, alpha=0.45 if pale else 1.0, zorder=2.1 if pale else 3.2,
         )  # fmt: skip
-        return
-    if row["form"] == "closed form":
+    elif row["form"] == "closed form":
         axes.plot(
-            point.x, point.y, color=colour, marker=style.RECIPE_MARKERS[row["family"]], ms=5.0,
-            lw=0, zorder=3.0,
+            point.x, point.y, color=colour, marker=style.RECIPE_MARKERS[row["family"]], lw=0,
+            ms=8.0 if strong else 5.5, mec="white" if strong else colour,
+            mew=0.7 if strong else 0.0, alpha=0.45 if pale else 1.0,
+            zorder=3.4 if strong else 2.2 if pale else 3.0,
         )  # fmt: skip
-        axes.annotate(
-            str(row["terms"]), (point.x, point.y), xytext=(3.4, -3.4),
-            textcoords="offset points", size=5.2, color=colour, zorder=3.1, va="center",
+    else:
+        axes.plot(
+            point.x, point.y, color=_INK, marker=_MARKERS[row["family"]], ms=8.0, lw=0, zorder=3.3,
+            mfc=_INK if row["integrates"] else "white",
+            mec="white" if row["integrates"] else _INK, mew=0.7 if row["integrates"] else 0.9,
         )  # fmt: skip
-        return
-    axes.plot(
-        point.x, point.y, color="#1a1a1a", marker=_MARKERS[row["family"]], ms=5.6, lw=0, zorder=3.2,
-        mfc="#1a1a1a" if row["integrates"] else "white", mew=0.8,
-    )  # fmt: skip
 
 
 def _spread(axes: Any, point: _Point, cost: str) -> None:
     """Half the distance between quartiles, to either side."""
-    if not cost.endswith("_ratio"):
+    spread = point.row.get(cost.replace("_ratio", "_spread")) if cost.endswith("_ratio") else None
+    if not spread:
         return
-    spread = point.row[cost.replace("_ratio", "_spread")]
-    ends = [max(point.x - spread, axes.get_xlim()[0]), min(point.x + spread, axes.get_xlim()[1])]
-    colour = style.RECIPE_COLOURS.get(point.row["family"], "#1a1a1a")
-    axes.plot(ends, [point.y, point.y], color=colour, lw=2.6, alpha=0.35, zorder=2.8)
+    low, high = axes.get_xlim()
+    colour = style.RECIPE_COLOURS.get(point.row["family"], _INK)
+    axes.plot(
+        [max(point.x - spread, low), min(point.x + spread, high)], [point.y, point.y],
+        color=colour, lw=1.1, zorder=3.1, solid_capstyle="butt",
+    )  # fmt: skip
 
 
-def _stairs(axes: Any, best: Sequence[_Point], look: dict[str, Any]) -> None:
-    """What a budget buys: steps down from each model of a front to the next, on to the right."""
+def _stairs(axes: Any, best: Sequence[_Point], **look: Any) -> list[tuple[float, float]]:
+    """What a budget buys: down at each model of a front to its error, then on to the right."""
     if not best:
-        return
-    xs, ys = [best[0].x], [axes.get_ylim()[1]]
+        return []
+    corners = [(best[0].x, axes.get_ylim()[1])]
     ends = [*(point.x for point in best[1:]), axes.get_xlim()[1]]
     for here, end in zip(best, ends, strict=True):
-        xs += [here.x, end]
-        ys += [here.y, here.y]
-    axes.plot(xs, ys, **look)
+        corners += [(here.x, here.y), (end, here.y)]
+    axes.plot(*zip(*corners, strict=True), **look)
+    return corners
 
 
 def _name(row: Row) -> str:
     if row["form"] == "formula":
-        return NAMES.get(row["model"], str(row["model"]))
+        return str(row["model"])
     text = f"{row['family']} {row['terms']}"
     if row["form"] == "table":
         text += f", table {row['size']}{' half' if row['storage'] == 'float16' else ''}"
     return text
 
 
-def _label(
-    axes: Any, points: Sequence[_Point], first: Sequence[_Point], others: Sequence[_Point]
-) -> None:
-    """Names beside marks, where they hide least; those of the front in bold come first."""
-    unit = 72.0 / axes.figure.dpi  # points a pixel
-    at = {id(p): axes.transData.transform((p.x, p.y)) * unit for p in points}
-    box = axes.get_window_extent()
-    left, bottom, right, top = (v * unit for v in (box.x0, box.y0, box.x1, box.y1))
-    taken: list[tuple[float, float, float, float]] = []
-    marks = [(x - 2.5, y - 2.5, x + 2.5, y + 2.5) for x, y in at.values()]
-    for point in [*first, *others]:
-        strong = point in first
-        text = _name(point.row)
-        x, y = at[id(point)]
-        width, height = 0.56 * _LABEL_SIZE * len(text) * (1.06 if strong else 1.0), _LABEL_SIZE
-        best: tuple[float, float, float] | None = None
-        for distance in (5.0, 11.0, 18.0, 27.0, 38.0):
-            for dx, dy in _DIRECTIONS:
-                x0 = x + distance * dx + (0.0 if dx > 0 else -width if dx < 0 else -width / 2)
-                y0 = y + distance * dy - height / 2
-                own = (x0, y0, x0 + width, y0 + height)
-                outside = (
-                    max(0.0, left + 1 - own[0]) + max(0.0, own[2] - right + 1)
-                    + max(0.0, bottom + 1 - own[1]) + max(0.0, own[3] - top + 1)
-                )  # fmt: skip
-                hidden = sum(_overlap(own, other) for other in taken)
-                covered = sum(_overlap(own, other) for other in marks)
-                penalty = 60.0 * outside + 8.0 * hidden + covered + 1.6 * distance
-                if best is None or penalty < best[0]:
-                    best = penalty, x0, y0
-        assert best is not None
-        _, x0, y0 = best
-        taken.append((x0, y0, x0 + width, y0 + height))
-        colour = style.RECIPE_COLOURS.get(point.row["family"], "#1a1a1a")
-        near_x = min(max(x, x0), x0 + width)
-        near_y = min(max(y, y0), y0 + height)
-        if np.hypot(near_x - x, near_y - y) > 6.5:
-            ends = np.array([[x, y], [near_x, near_y]]) / unit
-            ends = axes.transData.inverted().transform(ends)
-            axes.plot(*ends.T, color=colour, lw=0.4, alpha=0.7, zorder=3.3)
-        place = axes.transData.inverted().transform((x0 / unit, (y0 + height / 2) / unit))
-        axes.text(
-            *place, text, size=_LABEL_SIZE, color=colour, va="center", ha="left", zorder=4.0,
-            fontweight="bold" if strong and point.row["integrates"] else "normal",
-            bbox={"boxstyle": "square,pad=0.05", "fc": "white", "ec": "none", "alpha": 0.6},
+Box = tuple[float, float, float, float]
+
+
+class _Labels:
+    """Names beside marks, off all lines, marks and other names; in points from the corner."""
+
+    def __init__(
+        self, axes: Any, points: Sequence[_Point], steps: Sequence[tuple[float, float]]
+    ) -> None:
+        self.axes, self.unit = axes, 72.0 / axes.figure.dpi
+        bounds = axes.get_window_extent()
+        self.frame: Box = tuple(v * self.unit for v in bounds.extents)
+        self.at = {id(p): self.points((p.x, p.y)) for p in points}
+        self.marks = [
+            (_square(self.at[id(p)], 2.0 if p.row["form"] == "table" else 4.5),
+             0.25 if p.row["form"] == "table" else 1.0)
+            for p in points
+        ]  # fmt: skip
+        corners = [self.points(corner) for corner in steps]
+        self.lines: list[Box] = [
+            (min(a[0], b[0]) - 2.5, min(a[1], b[1]) - 2.5, max(a[0], b[0]) + 2.5,
+             max(a[1], b[1]) + 2.5)
+            for a, b in itertools.pairwise(corners)
+        ]  # fmt: skip
+        self.taken: list[Box] = []
+
+    def points(self, place: tuple[float, float]) -> tuple[float, float]:
+        x, y = self.axes.transData.transform(place) * self.unit
+        return float(x), float(y)
+
+    def write(self, best: Sequence[_Point], points: Sequence[_Point]) -> None:
+        """The front in bold, then the other formulas; exact models share one name."""
+        for point in best:
+            self.label(point, _name(point.row), "bold")
+        formulas = [p for p in points if p.row["form"] == "formula" and p not in best]
+        exact = [p for p in formulas if _is_exact(p.row)]
+        for point in formulas:
+            if point not in exact:
+                self.label(point, _name(point.row), "normal")
+        if exact:
+            first = min(exact, key=lambda p: p.x)
+            self.label(first, f"exact ({len(exact)})" if len(exact) > 1 else "exact", "normal")
+
+    def label(self, point: _Point, text: str, weight: str) -> None:
+        x, y = self.at[id(point)]
+        width, height = _extent(text, weight)
+        choices = [
+            (x + distance * dx + (0.0 if dx > 0.3 else -width if dx < -0.3 else -width / 2),
+             y + distance * dy - height / 2, distance)
+            for distance in (8.0, 12.0, 17.0, 23.0, 30.0, 38.0, 48.0, 60.0)
+            for dx, dy in _DIRECTIONS
+        ]  # fmt: skip
+        x0, y0, _ = min(
+            choices, key=lambda c: self.penalty((c[0], c[1], c[0] + width, c[1] + height), c[2])
+        )
+        own = (x0, y0, x0 + width, y0 + height)
+        self.taken.append(own)
+        colour = style.RECIPE_COLOURS.get(point.row["family"], _INK)
+        near = (min(max(x, own[0]), own[2]), min(max(y, own[1]), own[3]))
+        back = self.axes.transData.inverted()
+        if math.hypot(near[0] - x, near[1] - y) > 10.0:
+            ends = back.transform(np.array([[x, y], near]) / self.unit)
+            self.axes.plot(*ends.T, color=colour, lw=0.7, zorder=2.6)
+        place = back.transform((x0 / self.unit, (y0 + height / 2) / self.unit))
+        self.axes.text(
+            *place, text, size=_SIZE, color=colour, va="center_baseline", ha="left", zorder=4.0,
+            fontweight=weight,
         )  # fmt: skip
+
+    def penalty(self, own: Box, distance: float) -> float:
+        left, bottom, right, top = self.frame
+        outside = (
+            max(0.0, left + 2 - own[0]) + max(0.0, own[2] - right + 1)
+            + max(0.0, bottom + 2 - own[1]) + max(0.0, own[3] - top + 1)
+        )  # fmt: skip
+        hidden = sum(_overlap(own, other) for other in self.taken)
+        struck = sum(_overlap(own, line) for line in self.lines)
+        covered = sum(weight * _overlap(own, mark) for mark, weight in self.marks)
+        return 60.0 * outside + 20.0 * hidden + 8.0 * struck + 2.0 * covered + 2.0 * distance
 
 
 _DIRECTIONS = (
-    (1.0, 0.35), (1.0, -0.6), (0.7, 1.0), (-1.0, 0.35), (-1.0, -0.6), (0.0, 1.0), (0.0, -1.0),
-    (0.7, -1.0), (-0.7, 1.0), (-0.7, -1.0),
+    (-1.0, -0.35), (-0.8, -0.8), (-1.0, 0.0), (0.0, -1.0), (-1.0, 0.4), (1.0, 0.6), (1.0, 0.0),
+    (0.8, -0.8), (0.0, 1.0), (-0.7, 1.0), (0.7, 1.0),
 )  # fmt: skip
 
 
-def _overlap(a: tuple[float, ...], b: tuple[float, ...]) -> float:
+def _extent(text: str, weight: str) -> tuple[float, float]:
+    """Width and height of a name in points."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import TextPath
+
+    font = FontProperties(family=style.RC["font.family"], weight=weight)
+    return float(
+        TextPath((0, 0), text, size=_SIZE, prop=font).get_extents().width
+    ) + 2.0, _SIZE + 1.0
+
+
+def _square(centre: tuple[float, float], half: float) -> Box:
+    return centre[0] - half, centre[1] - half, centre[0] + half, centre[1] + half
+
+
+def _overlap(a: Box, b: Box) -> float:
     return max(0.0, min(a[2], b[2]) - max(a[0], b[0])) * max(0.0, min(a[3], b[3]) - max(a[1], b[1]))
 
 
 def _ticks(axes: Any, cost: str) -> None:
-    """Round numbers that people read, instead of powers of ten."""
+    """Round numbers that people read; powers of ten where decimals would be too long."""
     from matplotlib.ticker import FixedLocator, NullFormatter, NullLocator
 
     low, high = axes.get_xlim()
-    steps = (
-        (0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1, 1.15, 1.2, 1.3)
-        if high < 1.6 and cost in RATIO_COSTS
-        else tuple(s * 10.0**p for p in range(-2, 6) for s in (1, 2, 5))
-    )
-    ticks = [tick for tick in steps if low <= tick <= high]
-    while len(ticks) > 8:
-        ticks = ticks[::2]
+    if high / low < 8.0 and cost.endswith("_ratio"):
+        step = 0.05 if high - low < 0.45 else 0.1 if high - low < 1.0 else 0.2
+        ticks = [round(step * i, 2) for i in range(1, int(high / step) + 1)]
+    else:
+        ticks = [s * 10.0**p for p in range(-3, 6) for s in (1, 2, 5)]
+    ticks = [tick for tick in ticks if low <= tick <= high]
+    if len(ticks) > 7:
+        whole = [tick for tick in ticks if math.log10(tick) % 1.0 < 1e-9]
+        ticks = whole if len(whole) >= 3 else ticks[::2]
     axes.xaxis.set_major_locator(FixedLocator(ticks))
     axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.xaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    if cost in RATIO_COSTS:
-        axes.axvline(1.0, color="#c0c0c0", lw=0.7, zorder=1.0)
+    powers = axes.get_ylim()[0] < 1e-4
+
+    def written(value: float, _: Any) -> str:
+        exponent = round(math.log10(value))
+        return f"10$^{{{exponent}}}$" if powers else f"{value:g}"
+
+    axes.yaxis.set_major_formatter(written)
+    if cost.endswith("_ratio"):
+        axes.axvline(1.0, color="#c0c0c0", lw=0.8, zorder=1.0)

@@ -221,8 +221,9 @@ def _chips(axes: Any, card: MaterialCard) -> None:
 
 def render_card(card: MaterialCard, variant: str, size: int = 320, spp: int = 64) -> Array:
     """A rough sphere of the card's coefficients in the studio, (size, size, 3) linear RGB."""
-    from ..mitsuba.comparison import render_scene, variant_scope
+    from ..mitsuba.comparison import render_scene
     from ..mitsuba.scenes import load_scene
+    from ..mitsuba.variants import variant_scope
 
     coefficients: Sequence[Array] = np.moveaxis(card.coefficients.value.coefficients, -1, 0)
     colours = {
