@@ -17,7 +17,7 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-from .._check import input_error
+from .._check import InputError, input_error
 from .inverse_images import Images, Observed, half_seed
 
 __all__ = ["Descent", "NonFiniteGradientError", "descend", "loss_and_gradient"]
@@ -204,9 +204,14 @@ def descend(
         count += 1
         flat = scaled * units
         x, a = flat[: 3 * n].reshape(n, 3), float(flat[-1]) if roughness else float(alpha)
-        loss, gradient = loss_and_gradient(
-            images, observed, x, a, spp=spp, seed=seed, roughness=roughness
-        )
+        try:
+            loss, gradient = loss_and_gradient(
+                images, observed, x, a, spp=spp, seed=seed, roughness=roughness
+            )
+        except InputError:  # an index that no basis follows, in the middle of the ranges: a wall
+            if count == 1:
+                raise
+            return begun + 10.0 * abs(begun - best[0]) + 1.0, np.zeros_like(scaled)
         if count == 1:
             begun = loss
         if loss < best[0]:
