@@ -151,15 +151,16 @@ else:
 # ## 6. Against gradient descent
 #
 # The route "gradient" descends on the parameters with derivatives from Mitsuba's `prb` integrator.
-# On node colours that is linear least squares, slowly. On (eta, k) with the exact equations the
-# landscape is bent: from a start far away, descent creeps or gets stuck. All three see the same
+# It is quasi-Newton descent (L-BFGS-B). On node colours that is linear least squares, slowly. On
+# (eta, k) with the exact equations the landscape is bent: from a start far away, descent can end in
+# a valley from which no way leads down, though the metal is elsewhere. All three see the same
 # single image.
 
 # %%
 if fast:
     few = scenes_of(lights[:1], 48)
     small = [render(mi.load_dict(scene(truth)), spp, seed=200 + i) for i, scene in enumerate(few)]
-    common = {"route": "gradient", "alpha": alpha, "spp": 16, "iterations": 100, "step": 2.0}
+    common = {"route": "gradient", "alpha": alpha, "spp": 32, "iterations": 100}
     runs = {
         "linear solve": recover(small, few, alpha=alpha, spp=spp),
         "descent, node colours": recover(small, few, **common),

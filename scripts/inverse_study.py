@@ -29,6 +29,7 @@ from fresnel_decomp.report import style
 NAME = "inverse_study"
 MARKS = ("<!-- inverse study -->\n", "<!-- end of inverse study -->\n")
 METAL_MARKS = ("<!-- inverse metals -->\n", "<!-- end of inverse metals -->\n")
+CALIBRATION_MARKS = ("<!-- inverse errors -->\n", "<!-- end of inverse errors -->\n")
 TEXTURE_MARKS = ("<!-- inverse texture -->\n", "<!-- end of inverse texture -->\n")
 
 WAVELENGTHS = (630.0, 532.0, 465.0)  # one index of refraction for each channel
@@ -37,6 +38,7 @@ VIEWS, SPP = 5, 64
 METALS = ("Au", "Cu", "Al", "Be", "W")
 COSINES = np.sin(np.radians(np.linspace(90.0, 0.0, 181)))
 TEXELS = (16, 32)
+REPEATS, REPEAT_VIEWS, REPEAT_SIZE = 20, 3, 32
 Values = Mapping[str, Any]
 
 
@@ -59,7 +61,7 @@ class Case:
 
 
 GOOD, BAD = {"eta": 0.6, "k": 2.5}, {"eta": 4.0, "k": 0.3}
-_STEPS = {"iterations": 80, "spp": 16, "step": 2.0}
+_STEPS = {"iterations": 150, "spp": 32}
 CASES = (
     Case("linear, node colours", "any", "nodes", "linear"),
     Case("linear, (eta, k)", "any", "indices", "linear"),
@@ -161,7 +163,7 @@ def compute(job: Job) -> dict[str, Any]:
         setups = [sphere(i, size) for i in range(2 if quick else VIEWS)]
         cases = CASES[:1] + CASES[4:5] if quick else CASES
         metals = METALS[:1] if quick else METALS
-        total = len(cases) + len(metals) + 1
+        total = len(cases) + len(metals) + 2
         results: dict[str, Any] = {"routes": {}, "metals": {}}
         for n, metal in enumerate(metals):
             job.report(f"metal {metal}", n / total)
@@ -170,8 +172,10 @@ def compute(job: Job) -> dict[str, Any]:
             )
         job.report("two metals", len(metals) / total)
         results["texture"] = _kept(job, "texture", lambda: _texture(job, size, spp, quick))
+        job.report("standard errors", (len(metals) + 1) / total)
+        results["calibration"] = _kept(job, "calibration", lambda: _calibration(quick))
         for n, case in enumerate(cases):
-            job.report(f"{case.label}, {case.start}"[:26], (len(metals) + 1 + n) / total)
+            job.report(f"{case.label}, {case.start}"[:26], (len(metals) + 2 + n) / total)
             results["routes"][case.stem] = _kept(
                 job, case.stem, lambda case=case: _route(setups, case, spp, quick)
             )
@@ -251,6 +255,27 @@ def _metal(setups: Sequence[Any], metal: str, spp: int, quick: bool) -> dict[str
         **_summary(found),
     }
     return results
+
+
+def _calibration(quick: bool) -> dict[str, Any]:
+    """How far recovered values are off in units of their standard errors, for many seeds."""
+    from fresnel_decomp import load_basis
+    from fresnel_decomp.mitsuba.inverse import recover
+
+    eta, k = indices("Au")
+    cosines = np.cos([0.0, *load_basis().nodes])[:, None]
+    truth = {"eta": eta, "k": k}
+    truth |= dict(zip(("f0", "f1", "f2"), conductor(cosines, eta, k), strict=True))
+    setups = [sphere(i, 12 if quick else REPEAT_SIZE) for i in range(REPEAT_VIEWS)]
+    scores: dict[str, list[np.ndarray]] = {name: [] for name in ("f0", "f1", "f2", "eta", "k")}
+    for seed in range(2 if quick else REPEATS):
+        images = photograph(setups, eta, k, SPP, 5000 + 10 * seed)
+        for kind in ("nodes", "indices"):
+            found = recover(images, setups, kind, alpha=ALPHA, spp=64, seed=seed)
+            for name in scores.keys() & found.values.keys():
+                error = (found.values[name] - truth[name]) / found.standard_errors[name]
+                scores[name].append(error)
+    return {name: np.array(rows).ravel().tolist() for name, rows in scores.items()}
 
 
 def _texture(job: Job, size: int, spp: int, quick: bool) -> dict[str, Any]:
@@ -356,6 +381,17 @@ def metal_table(results: Mapping[str, Any]) -> str:
         rows.append([metal, short(nodes["error"]), short(found["limit"]), short(index["error"]),
                      *pairs])  # fmt: skip
     head = ("metal", "node colours", "fit at the nodes", "(eta, k)", "eta, green", "k, green")
+    return markdown(head, rows)
+
+
+def calibration_table(results: Mapping[str, Any]) -> str:
+    rows = []
+    labels = {"f0": "F(0°)", "f1": "F(83°)", "f2": "F(75°)"}
+    for name, scores in results["calibration"].items():
+        z = np.array(scores)
+        inside = [f"{100.0 * np.mean(np.abs(z) < bound):.0f} %" for bound in (1.0, 2.0)]
+        rows.append([labels.get(name, name), *inside, f"{z.std():.2f}", f"{z.mean():+.2f}"])
+    head = ("parameter", "within one", "within two", "standard deviation", "mean")
     return markdown(head, rows)
 
 
@@ -467,6 +503,7 @@ FIGURE = Figure(
         "views": VIEWS,
         "wavelengths": WAVELENGTHS,
         "texels": TEXELS,
+        "repeats": (REPEATS, REPEAT_VIEWS, REPEAT_SIZE),
     },
     scene="sphere in the studio's light",
     size=64,
@@ -480,10 +517,20 @@ def texts(results: dict[str, Any]) -> dict[str, str]:
         "routes": route_table(results),
         "metals": metal_table(results),
         "texture": texture_table(results),
+        "calibration": calibration_table(results),
     }
 
 
-command = study(FIGURE, texts, {"routes": MARKS, "metals": METAL_MARKS, "texture": TEXTURE_MARKS})
+command = study(
+    FIGURE,
+    texts,
+    {
+        "routes": MARKS,
+        "metals": METAL_MARKS,
+        "texture": TEXTURE_MARKS,
+        "calibration": CALIBRATION_MARKS,
+    },
+)
 
 
 if __name__ == "__main__":

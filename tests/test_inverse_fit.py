@@ -107,3 +107,12 @@ def test_indices_from_node_colours(kind: str, eta: float, k: float) -> None:
         ).values
         assert np.all(np.abs(moved - fit.values) < 2.0 * np.sqrt(np.diag(fit.covariance)) + 1e-6)
     assert fit.misfit < 1e-12
+
+
+@pytest.mark.parametrize("wrong", [2, 3])
+def test_shapes_must_fit(wrong: int) -> None:
+    """Each of target and weight by itself."""
+    given = [np.ones((2, 5, 1)), np.zeros((2, 5)), np.ones(5), np.ones(5), np.zeros(1)]
+    given[wrong] = np.ones(4)
+    with pytest.raises(InputError, match=r"arrays of shapes .*\(4,\)"):
+        least_squares(*given)

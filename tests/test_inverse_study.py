@@ -58,14 +58,14 @@ def test_quick_study(scripts: Any, tmp_path: Path) -> None:  # noqa: F811
         return int(end.value.code)
 
     page = tmp_path / "page.md"
-    marks = (study.MARKS, study.METAL_MARKS, study.TEXTURE_MARKS)
+    marks = (study.MARKS, study.METAL_MARKS, study.TEXTURE_MARKS, study.CALIBRATION_MARKS)
     page.write_text("".join(a + b for a, b in marks), encoding="utf-8")
     assert run("--quick", "--out", str(tmp_path), "--page", str(page)) == 0
     folder = tmp_path / study.NAME
     results = json.loads((folder / f"{study.NAME}.json").read_text(encoding="utf-8"))["results"]
     assert results["routes"]["linear_node_colours-any"]["converged"]
     assert results["texture"]["regions"]["mean"][0] < 0.02
-    assert len(list(folder.glob("*.part"))) == 4
+    assert len(list(folder.glob("*.part"))) == 5
     for picture in study.FIGURE.pictures:
         assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
     text = page.read_text(encoding="utf-8")

@@ -131,7 +131,7 @@ def least_squares(
     y, w = np.asarray(target, np.float64), np.asarray(weight, np.float64)
     x0 = np.asarray(start, np.float64)
     m, n = J.shape[-2:]
-    if J.shape != (2, m, n) or o.shape != (2, m) or y.shape != (m,) != w.shape:
+    if (J.shape, o.shape, y.shape, w.shape) != ((2, m, n), (2, m), (m,), (m,)):
         raise input_error(
             f"arrays of shapes {J.shape}, {o.shape}, {y.shape}, {w.shape}",
             "(2, m, n), (2, m), (m,), (m,)",

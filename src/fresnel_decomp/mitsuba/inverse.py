@@ -33,13 +33,14 @@ from .inverse_linear import (
     solve_jointly,
 )
 
-__all__ = ["ROUTES", "NonFiniteGradientError", "Recovered", "Step", "recover"]
+__all__ = ["ROUTES", "NonFiniteGradientError", "Recovered", "Step", "curve", "recover"]
 
 Array = NDArray[np.float64]
 
 ROUTES = ("linear", "gradient", "hybrid")
 
 _SEARCH_SPP = 16
+_WEIGHINGS = 5  # at most, until the descent no longer cares
 _DIFFERENCES = {"eta": 0.02, "k": 0.02}  # steps of the last derivative; .01 else
 
 
@@ -177,7 +178,6 @@ def recover(
     spp: int | None = None,
     seed: int = 0,
     iterations: int | None = None,
-    step: float = 1.0,
     progress: Callable[[Step], None] | None = None,
 ) -> Recovered:
     """Recover a conductor from images of it under known light.
@@ -196,12 +196,14 @@ def recover(
     route : {"linear", "gradient", "hybrid"}
         "linear": render the basis, solve, and from node colours find (eta, k) or (r, g). For known
         roughness. "hybrid": the same inside a search for roughness, then all together
-        (Gauss-Newton). "gradient": Adam on the parameters themselves.
+        (Gauss-Newton). "gradient": quasi-Newton descent (L-BFGS-B) on the parameters themselves.
     alpha : float in (0, 1]
         Roughness, or where its search starts.
     roughness : {"known", "unknown"}
     start : mapping of names to numbers or (3,) arrays, optional
-        For "gradient"; default .5, eta = 1.5, k = 3. What the images say nothing about keeps it.
+        Default .5, eta = 1.5, k = 3. Where "gradient" begins; what the images say nothing about
+        keeps it. "alpha" in it counts before `alpha`, so that an interrupted run goes on from the
+        `values` of its last `Step`.
     basis : Basis, optional
         Default `load_basis()`.
     fresnel : {"decomposition", "exact"}, optional
@@ -216,13 +218,12 @@ def recover(
         Of the recovered curves between 0° and 90°, for the linear solves. Metals stay below 1, but
         their colours need not (gold's red is 1.022), and a basis overshoots: hence 1.05.
     spp : int, optional
-        Samples per pixel of our renderings; default 128, for "gradient" 36.
+        Samples per pixel of our renderings, half of them in each of two; default 128, for
+        "gradient" 32, taken anew for each gradient.
     seed : int
         Same seed, same result. It should not be the images' own.
     iterations : int, optional
-        At most; default 6 linearisations, 400 steps of descent.
-    step : float
-        Factor on the steps of the descent.
+        At most; default 6 linearisations, 200 gradients.
     progress : callable, optional
         Called with a `Step` after every iteration.
 
@@ -268,9 +269,12 @@ def recover(
     exact_able = parameters in ("indices", "gulbrandsen")
     fresnel = fresnel or ("exact" if exact_able and route != "gradient" else "decomposition")
     choose("fresnel", fresnel, ("decomposition", "exact"))
-    _check(parameters, route, roughness, fresnel, alpha, spp, seed, iterations)
+    _check(parameters, route, roughness, fresnel, spp, seed, iterations)
     setups = [scenes] if callable(scenes) else list(scenes)
     names = names_of(parameters, basis.terms)
+    start = dict(start or {})
+    alpha = start.pop("alpha", alpha)
+    _check_alpha(alpha)
     first = _start(names, start)
     make: dict[str, Any] = {"distribution": distribution}
     if route == "gradient":
@@ -280,13 +284,12 @@ def recover(
     observed = observe(images, made.sizes, noise)
     run = _Run(made, observed, parameters, basis, fresnel, distribution, seed, progress)
     if route == "gradient":
-        return run.descent(first, alpha, roughness, spp or 36, iterations or 400, step)
-    return run.linear(route, setups, alpha, roughness, bounds, spp or 128, iterations or 6)
+        return run.descent(first, alpha, roughness, spp or 32, iterations or 200)
+    return run.linear(route, setups, first, alpha, roughness, bounds, spp or 128, iterations or 6)
 
 
 def _check(
-    parameters: str, route: str, roughness: str, fresnel: str, alpha: Any, spp: Any, seed: Any,
-    iterations: Any,
+    parameters: str, route: str, roughness: str, fresnel: str, spp: Any, seed: Any, iterations: Any
 ) -> None:  # fmt: skip
     if mi.variant() is None or "_rgb" not in mi.variant() or "polarized" in mi.variant():
         raise input_error(
@@ -304,13 +307,16 @@ def _check(
             "'hybrid' or 'gradient'",
             "Images are not linear in roughness.",
         )
+    for name, value, least in (("spp", spp, 2), ("seed", seed, 0), ("iterations", iterations, 1)):
+        if value is not None and not is_whole(value, least):
+            raise input_error(f"{name}={value!r}", f"an integer >= {least}", "See `recover`.")
+
+
+def _check_alpha(alpha: Any) -> None:
     if not is_real(alpha, *RANGES["alpha"]):
         raise input_error(
             f"alpha={alpha!r}", "a number from 0.005 to 1", "Start at 0.2 if you do not know it."
         )
-    for name, value, least in (("spp", spp, 2), ("seed", seed, 0), ("iterations", iterations, 1)):
-        if value is not None and not is_whole(value, least):
-            raise input_error(f"{name}={value!r}", f"an integer >= {least}", "See `recover`.")
 
 
 def _start(names: Sequence[str], given: Mapping[str, Any] | None) -> Array:
@@ -357,7 +363,7 @@ class _Run:
     # --- linear and hybrid ---
 
     def linear(
-        self, route: str, setups: Sequence[Setup], alpha: float, roughness: str,
+        self, route: str, setups: Sequence[Setup], first: Array, alpha: float, roughness: str,
         bounds: tuple[float, float] | None, spp: int, iterations: int,
     ) -> Recovered:  # fmt: skip
         nodes = self.kind != "coefficients"
@@ -365,7 +371,7 @@ class _Run:
         options: dict[str, Any] = {
             "nodes": nodes,
             "bounds": bounds,
-            "start": np.full((len(inner), 3), 0.5),
+            "start": np.full((len(inner), 3), 0.5) if nodes and self.kind != "nodes" else first,
             "record": lambda x, a: self._record(inner, x, a),
         }
         alpha_error, tried = 0.0, 0
@@ -377,7 +383,7 @@ class _Run:
             )  # fmt: skip
             alpha, alpha_error, fit = refine_roughness(
                 self.images, self.observed, alpha, spp=spp, seed=self.seed_for(1), span=_SPAN,
-                **options,
+                turns=iterations, **options,
             )  # fmt: skip
         else:
             fit = solve_images(
@@ -395,7 +401,7 @@ class _Run:
                 exact, fit, self.observed, alpha, spp=spp, seed=self.seed_for(1), limits=limits
             )
             self._record(inner, x, alpha)
-        values, errors, message = self._named(x, fit, inner)
+        values, errors, message = self._named(x, fit, inner, first)
         return self._finish(
             route, values, errors, alpha, alpha_error, fit.model.predict(fit.x), fit.model.visible,
             tried + fit.iterations, fit.converged, message,
@@ -403,7 +409,7 @@ class _Run:
         )  # fmt: skip
 
     def _named(
-        self, x: Array, fit: LinearFit, inner: Sequence[str]
+        self, x: Array, fit: LinearFit, inner: Sequence[str], first: Array
     ) -> tuple[dict[str, Any], dict[str, Any], str]:
         """Values and standard errors of the parameters asked for."""
         if self.kind in ("nodes", "coefficients"):
@@ -413,7 +419,7 @@ class _Run:
                 dict(zip(inner, errors, strict=True)),
                 "" if fit.converged else "Not converged: raise iterations or spp.",
             )
-        fits = fit_channels(x, fit.channels, self.kind, self.basis)
+        fits = fit_channels(x, fit.channels, self.kind, self.basis, first)
         names = names_of(self.kind, self.basis.terms)
         values = np.stack([f.values for f in fits], axis=1)
         errors = np.sqrt(np.stack([np.diag(f.covariance) for f in fits], axis=1))
@@ -428,29 +434,38 @@ class _Run:
     # --- gradient ---
 
     def descent(
-        self, start: Array, alpha: float, roughness: str, spp: int, iterations: int, step: float
+        self, start: Array, alpha: float, roughness: str, spp: int, iterations: int
     ) -> Recovered:
         names = self.images.names
         free = roughness == "unknown"
-        found: Descent = descend(
-            self.images, self.observed, start, alpha, spp=spp, seed=self.seed_for(1),
-            roughness=free, iterations=iterations, step=step,
-            record=lambda x, a: self._record(names, x, a),
-        )  # fmt: skip
-        x, alpha = found.values, found.alpha
+        half = max(1, spp // 2)
+        # the descent's own, so that Newton's step is 0 where its misfit is least
+        seeds = [derived_seed(self.seed_for(1), h) for h in (0, 1)]
+        x, done = start, 0
+        for _ in range(_WEIGHINGS):  # noise is seen where it starts, and better where it ends
+            self._weigh([self.images.render(x, alpha, half, own) for own in seeds])
+            found: Descent = descend(
+                self.images, self.observed, x, alpha, spp=half, seed=self.seed_for(1),
+                roughness=free, iterations=iterations - done,
+                record=lambda x, a: self._record(names, x, a),
+            )  # fmt: skip
+            x, alpha, done = found.values, found.alpha, done + found.iterations
+            if not found.converged or found.fall < 0.1 or done == iterations:
+                break
         halves: list[list[Array]] = [[], [], []]
         steps = np.array([_DIFFERENCES.get(name, 0.01) for name in names])
         inward = _inward(names, x, steps)
-        for h in (0, 1):
-            own = derived_seed(self.seed_for(2), h)
-            halves[0].append(self.images.render(x, alpha, spp, own))
-            halves[1].append(self.images.derivative(inward, alpha, spp, own, steps))
+        for own in seeds:
+            halves[0].append(self.images.render(x, alpha, half, own))
+            halves[1].append(self.images.derivative(inward, alpha, half, own, steps))
             if free:
-                halves[2].append(self.images.roughness_derivative(x, alpha, spp, own))
+                halves[2].append(self.images.roughness_derivative(x, alpha, half, own))
         seen, columns = np.stack(halves[0]), np.stack(halves[1])
         visible = np.any(columns != 0.0, axis=(0, 2, 3))
-        self.observed.weigh(seen[0] - seen[1], self.observed.values - seen.mean(axis=0))
         newton, errors, alpha_error = self._local(seen, columns, halves[2], visible, x)
+        for i, name in enumerate(names):  # at the end of a range there is no going on
+            low, high = RANGES.get(name, (-np.inf, np.inf))
+            newton[i] = np.clip(x[i] + newton[i], low, high) - x[i]
         far = np.any(np.abs(newton) > 4.0 * errors + 0.02)
         errors = np.hypot(errors, newton)  # what the descent left undone is unknown too
         message = ""
@@ -462,9 +477,15 @@ class _Run:
             )
         return self._finish(
             "gradient", dict(zip(names, x, strict=True)), dict(zip(names, errors, strict=True)),
-            alpha, alpha_error, seen, visible, found.iterations, found.converged and not far,
+            alpha, alpha_error, seen, visible, done, found.converged and not far,
             message, np.zeros(3, bool),
         )  # fmt: skip
+
+    def _weigh(self, seen: Sequence[Array]) -> None:
+        if not np.isfinite(seen).all():
+            return  # the gradient will say whose fault it is
+        mean = 0.5 * (seen[0] + seen[1])
+        self.observed.weigh(seen[0] - seen[1], self.observed.values - mean)
 
     def _local(
         self, seen: Array, columns: Array, shared: list[Array], visible: Array, x: Array
@@ -500,11 +521,7 @@ class _Run:
         alpha_error: float, predicted: Array, visible: Array, iterations: int, converged: bool,
         message: str, constrained: NDArray[np.bool_],
     ) -> Recovered:  # fmt: skip
-        residual = (self.observed.values - predicted.mean(axis=0))[visible]
-        size = float(self.observed.values[visible].mean())
-        expected = 1.0 / self.observed.weight[visible]
-        if self.observed.known_noise is None:
-            expected = expected * np.median(residual**2 / expected) / 0.455
+        noise, residual = self.observed.noise_and_residual(predicted.mean(axis=0), visible)
         identified = {
             name: np.asarray(errors[name]) < PRIOR_DEVIATION * _width(name) for name in errors
         }
@@ -517,8 +534,8 @@ class _Run:
             identified | {"alpha": bool(alpha_error < PRIOR_DEVIATION)},
             _coefficients(values, self.basis),
             alpha,
-            float(np.sqrt(np.mean(residual**2))) / size,
-            float(np.sqrt(np.mean(expected))) / size,
+            residual,
+            noise,
             iterations,
             samples,
             time.perf_counter() - self.begun,

@@ -1,22 +1,24 @@
-"""Gradient descent: Adam, with the gradients of Mitsuba's path replay integrator (`prb`).
+"""Gradient descent with the gradients of Mitsuba's path replay integrator (`prb`).
 
-The images of an iteration and their derivative have random numbers of their own, so that the
-gradient of the squared error has no bias; both keep theirs over all iterations, so that one smooth
-function descends, and a run is repeatable.
+What descends is the misfit across two renderings a and b, sum w (I_a - t)(I_b - t): its expectation
+has no part of the renderings' noise, so that its minimum is not drawn to darkness, where there is
+less of it. Both keep their random numbers in all iterations. So it is one smooth function, with
+its very own gradient: quasi-Newton methods can build on that, and a run is repeatable.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import scipy.optimize
 from numpy.typing import NDArray
 
-from .._check import input_error
-from .inverse_images import Images, Observed, derived_seed
+from .._check import InputError, input_error
+from .inverse_images import Images, Observed, half_seed
 
 __all__ = ["Descent", "NonFiniteGradientError", "descend", "loss_and_gradient"]
 
@@ -31,8 +33,13 @@ RANGES = {
 }
 """Where values are kept; reflectances and coefficients are free."""
 
-_STEPS = {"eta": 0.1, "k": 0.1, "alpha": 0.01}
-_STEP = 0.02  # of everything else
+_UNITS = {"eta": 1.0, "k": 1.0, "alpha": 0.1}
+"""Lengths that count alike, for the first step."""
+
+_UNIT = 0.2  # of everything else
+
+_PLATEAU = 0.03
+"""Where one standard error costs 1: a fall of the misfit by less ends the descent."""
 
 
 class NonFiniteGradientError(ArithmeticError):
@@ -48,14 +55,18 @@ class Descent:
     values : (n, 3) float
     alpha : float
     loss : float
+    fall : float
+        How much lower the misfit is than where it began; one standard error costs 1.
     iterations : int
+        Evaluations of the gradient.
     converged : bool
-        Whether steps had become too small to matter, rather than too many.
+        Whether the misfit no longer fell, rather than there being too many iterations.
     """
 
     values: Array
     alpha: float
     loss: float
+    fall: float
     iterations: int
     converged: bool
 
@@ -69,9 +80,8 @@ def loss_and_gradient(
     spp: int,
     seed: int,
     roughness: bool = False,
-    shared_samples: bool = False,
 ) -> tuple[float, dict[str, Array]]:
-    """Weighted mean squared error, and its gradient by `prb`.
+    """Weighted mean squared error across two renderings, and its gradient by `prb`.
 
     Parameters
     ----------
@@ -80,15 +90,15 @@ def loss_and_gradient(
     values : (n, 3) float
     alpha : float
     spp, seed : int
+        `spp` are for each of the two renderings.
     roughness : bool
-        Differentiate by alpha too.
-    shared_samples : bool
-        Use the images' own samples for their derivative. Then the gradient is that of this very
-        loss, but biased as an estimate: noise of the one is noise of the other.
+        Differentiate by alpha too. `prb` holds sampled directions fixed, unlike the loss itself,
+        so that this derivative is that of the loss only in expectation.
 
     Returns
     -------
     loss : float
+        Less than 0 where noise is all there is.
     gradient : dict
         (3,) per name of a parameter, () for "alpha".
 
@@ -101,7 +111,7 @@ def loss_and_gradient(
     names = [*images.names, "alpha"] if roughness else list(images.names)
     total = 0.0
     gradient = {name: np.zeros(() if name == "alpha" else 3) for name in names}
-    scale = 1.0 / float(np.sum(observed.weight * observed.brightness**2))
+    scale = 1.0 / observed.count
     at = 0
     for i, (scene, parameters, keys) in enumerate(
         zip(images.scenes, images.parameters, images.keys, strict=True)
@@ -117,23 +127,24 @@ def loss_and_gradient(
             parameters[keys[name]] = leaves[name]
         parameters.update()
         integrator = mi.load_dict({"type": "prb", **images.integrators[i]})
-        own = derived_seed(seed, i)
-        other = derived_seed(seed, i, 1)
         shape = (height, width, 3)
         target = mi.TensorXf(observed.values[pixels].reshape(shape).astype(np.float32))
-        weight = mi.TensorXf((scale * observed.weight[pixels]).reshape(shape).astype(np.float32))
-        seeds = (other, own) if shared_samples else (own, other)
-        image = mi.render(
-            scene, parameters, integrator=integrator, spp=spp, seed=seeds[0], seed_grad=seeds[1]
-        )
-        seen = dr.detach(image)
-        if shared_samples:  # Mitsuba refuses equal seeds, for the bias's sake
-            with dr.suspend_grad():
-                seen = mi.render(scene, integrator=integrator, spp=spp, seed=own)
-        error = seen - target
-        dr.backward(dr.sum(2.0 * weight * error * image, axis=None))
-        total += float(np.sum(np.array(weight * dr.square(error), np.float64)))
-        images.samples += 3 * spp * width * height  # the image, its replay, and its derivative
+        # its square root: light may be so strong that weights leave float32
+        weight = np.sqrt(scale * observed.weight[pixels])
+        root = mi.TensorXf(weight.reshape(shape).astype(np.float32))
+        errors, product = [], 0.0
+        for half in (0, 1):
+            image = mi.render(
+                scene, parameters, integrator=integrator, spp=spp,
+                seed=half_seed(seed, half, i), seed_grad=half_seed(seed, 1 - half, i),
+            )  # fmt: skip
+            errors.append(root * (dr.detach(image) - target))
+            # the error of one rendering times the derivative of the other
+            product = product + errors[half] * (root * image)
+        # once, as going backward takes apart what both have in common: from colours to coefficients
+        dr.backward(dr.sum(product, axis=None))
+        total += float(np.sum(np.array(errors[0] * errors[1], np.float64)))
+        images.samples += 6 * spp * width * height  # each: the image, its replay, its derivative
         for name in names:
             part = np.array(dr.grad(leaves[name]), np.float64).reshape(gradient[name].shape)
             if not np.isfinite(part).all():
@@ -159,10 +170,9 @@ def descend(
     seed: int,
     roughness: bool,
     iterations: int,
-    step: float = 1.0,
-    record: Any = None,
+    record: Callable[[Array, float], None] | None = None,
 ) -> Descent:
-    """Adam (Kingma and Ba 2015), with steps halved where the loss no longer falls.
+    """Quasi-Newton descent within the parameters' ranges (L-BFGS-B, Zhu et al. 1997).
 
     Parameters
     ----------
@@ -171,11 +181,9 @@ def descend(
     values, alpha
         Where it starts.
     iterations : int
-        At most.
-    step : float
-        Factor on the steps: .02 for reflectances and tints, .1 for eta and k, .01 for alpha.
+        Gradients, at most.
     record : callable, optional
-        Called with values and alpha after each iteration.
+        Called with values and alpha after each gradient.
     """
     if not dr.is_diff_v(mi.Float):
         raise input_error(
@@ -183,39 +191,63 @@ def descend(
             "llvm_ad and cuda_ad variants",
             "Take route='linear', which needs no derivatives, or set another variant.",
         )
+    n = len(images.names)
     names = [*images.names, "alpha"] if roughness else list(images.names)
-    rates = {name: step * _STEPS.get(name, _STEP) for name in names}
-    adam = mi.ad.Adam(lr=1.0)
-    x, a = np.array(values, np.float64), float(alpha)
-    for name in names:
-        adam[name] = mi.Float(a) if name == "alpha" else mi.Float(x[images.names.index(name)])
-        adam.set_learning_rate({name: rates[name]})
-    best, best_at, since, factor = np.inf, (x.copy(), a), 0, 1.0
-    done = 0
-    while done < iterations:
-        done += 1
-        loss, gradient = loss_and_gradient(
-            images, observed, x, a, spp=spp, seed=seed, roughness=roughness
-        )
-        since = since + 1 if loss > best * (1.0 - 1e-3) else 0
-        if loss < best:
-            best, best_at = loss, (x.copy(), a)
-        if since >= 12:
-            factor, since = 0.5 * factor, 0
-            if factor < 0.02:
-                break
-            adam.set_learning_rate({name: factor * rate for name, rate in rates.items()})
-        for name in names:
-            dr.set_grad(adam[name], mi.Float(np.atleast_1d(gradient[name])))
-        adam.step()
-        for name in names:
-            low, high = RANGES.get(name, (-np.inf, np.inf))
-            value = np.clip(np.array(adam[name], np.float64), low, high)
-            adam[name] = mi.Float(value)
-            if name == "alpha":
-                a = float(value[0])
-            else:
-                x[images.names.index(name)] = value
+    units = np.repeat([_UNITS.get(name, _UNIT) for name in names], [_count(name) for name in names])
+    ranges = [RANGES.get(name, (None, None)) for name in names for _ in range(_count(name))]
+    count, begun, best = 0, -np.inf, (np.inf, np.array(values, np.float64), float(alpha))
+
+    def function(scaled: Array) -> tuple[float, Array]:
+        nonlocal count, begun, best
+        if count == iterations:
+            raise _EnoughError
+        count += 1
+        flat = scaled * units
+        x, a = flat[: 3 * n].reshape(n, 3), float(flat[-1]) if roughness else float(alpha)
+        try:
+            loss, gradient = loss_and_gradient(
+                images, observed, x, a, spp=spp, seed=seed, roughness=roughness
+            )
+        except InputError:  # an index that no basis follows, in the middle of the ranges: a wall
+            if count == 1:
+                raise
+            return begun + 10.0 * abs(begun - best[0]) + 1.0, np.zeros_like(scaled)
+        if count == 1:
+            begun = loss
+        if loss < best[0]:
+            best = loss, x.copy(), a
         if record is not None:
             record(x, a)
-    return Descent(best_at[0], best_at[1], best, done, factor < 0.02)
+        return loss, units * np.concatenate([np.atleast_1d(gradient[name]) for name in names])
+
+    begin = np.concatenate([best[1].ravel(), [alpha] if roughness else []]) / units
+    enough = False
+    try:
+        scipy.optimize.minimize(
+            function,
+            begin,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=[
+                tuple(None if end is None else end / unit for end in pair)
+                for pair, unit in zip(ranges, units, strict=True)
+            ],
+            options={
+                "ftol": _PLATEAU / observed.count,
+                "gtol": 0.0,
+                "maxcor": 20,
+            },
+        )
+    except _EnoughError:
+        enough = True
+    fall = (begun - best[0]) * observed.count
+    return Descent(best[1], best[2], best[0], fall, count, not enough)
+
+
+class _EnoughError(Exception):
+    """As many gradients as were allowed."""
+
+
+def _count(name: str) -> int:
+    """Of numbers that a parameter has."""
+    return 1 if name == "alpha" else 3

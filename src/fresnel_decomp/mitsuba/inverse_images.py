@@ -20,7 +20,16 @@ from .._check import input_error
 from ..basis import Basis
 from .comparison import render_scene
 
-__all__ = ["KINDS", "Images", "Observed", "Setup", "derived_seed", "names_of", "observe"]
+__all__ = [
+    "KINDS",
+    "Images",
+    "Observed",
+    "Setup",
+    "derived_seed",
+    "half_seed",
+    "names_of",
+    "observe",
+]
 
 Array = NDArray[np.float64]
 Setup = Callable[[dict[str, Any]], dict[str, Any]]
@@ -50,6 +59,11 @@ def derived_seed(seed: int, *path: int) -> int:
     return int(np.random.SeedSequence([seed, *path]).generate_state(1)[0])
 
 
+def half_seed(seed: int, half: int, view: int) -> int:
+    """The seed that `Images.render` takes for a view, given `derived_seed(seed, half)`."""
+    return derived_seed(derived_seed(seed, half), view)
+
+
 class Observed:
     """The images, flat, with what each pixel should count.
 
@@ -75,6 +89,25 @@ class Observed:
         if self.known_noise is not None:
             variance = self.known_noise**2 + (_MISFIT * self.brightness) ** 2
         self.weight = 1.0 / variance
+
+    @property
+    def count(self) -> int:
+        """Of numbers that have a weight."""
+        return max(int(np.count_nonzero(self.weight)), 1)
+
+    def noise_and_residual(self, predicted: Array, visible: NDArray[Any]) -> tuple[float, float]:
+        """RMS differences from `predicted` (m, 3), relative to the mean radiance.
+
+        As noise explains them, and as they are, over `visible` (m,) pixels that count.
+        """
+        counted = visible[:, None] & (self.weight > 0.0)
+        residual = (self.values - predicted)[counted]
+        expected = 1.0 / self.weight[counted]
+        if self.known_noise is None:
+            expected = expected * np.median(residual**2 / expected) / 0.455
+        size = float(self.values[counted].mean())
+        rms = [float(np.sqrt(np.mean(square))) / size for square in (expected, residual**2)]
+        return rms[0], rms[1]
 
     def smoothed(self, flat: Array) -> Array:
         """Means over 5 x 5 pixels."""
@@ -152,7 +185,7 @@ class Images:
         loaded = [_load(setup, dict(bsdf), i) for i, setup in enumerate(setups)]
         self.scenes = [scene for scene, _ in loaded]
         self.integrators = [integrator for _, integrator in loaded]
-        self.depth = max(int(integrator["max_depth"]) for integrator in self.integrators)
+        self.depth = max((int(each["max_depth"]) for each in self.integrators), default=0)
         self.sizes = [tuple(scene.sensors()[0].film().size()) for scene in self.scenes]
         self.parameters = [mi.traverse(scene) for scene in self.scenes]
         self.keys = [self._keys(found) for found in self.parameters]
@@ -265,6 +298,8 @@ def observe(images: Any, films: Sequence[tuple[int, int]], noise: Any) -> Observ
     """Check images against the films of the scenes."""
     single = isinstance(images, np.ndarray) and images.ndim == 3
     arrays = [np.asarray(image, np.float64) for image in ([images] if single else images)]
+    if not films:
+        raise input_error("no scene", "one for each image", "Give the scenes of the images.")
     if len(arrays) != len(films):
         raise input_error(
             f"{len(arrays)} images and {len(films)} scenes",

@@ -337,7 +337,7 @@ def refine_roughness(
     bounds: tuple[float, float] | None,
     start: Array,
     span: tuple[float, float],
-    turns: int = 5,
+    turns: int,
     record: Any = None,
 ) -> tuple[float, float, LinearFit]:
     """Gauss-Newton in roughness and everything else together.
@@ -367,13 +367,20 @@ def refine_roughness(
             np.append(x.T.ravel(), 0.0), limits,
         )  # fmt: skip
         step, error = float(joint.x[-1]), float(joint.standard_errors[-1])
+        # with interreflection, the point of linearisation must be the solution too
+        moved = np.inf if at is None else np.abs(x - at)
+        at_rest = images.depth <= 2 or np.all(moved < 0.1 * _errors(channels) + 1e-3)
         fit = LinearFit(x, _with_shared(channels, joint, len(x)), model, turn, np.nan, True)
-        if abs(step) < max(0.1 * error, 1e-4 * alpha):
+        if at_rest and abs(step) < max(0.1 * error, 1e-4 * alpha):
             converged = True
             break
         if turn < turns:
             alpha = float(np.clip(alpha + np.clip(step, -0.3 * alpha, 0.4 * alpha), *span))
     return alpha, error, replace(fit, converged=converged)
+
+
+def _errors(channels: list[Solution]) -> Array:
+    return np.stack([s.standard_errors for s in channels], axis=1)
 
 
 def _with_shared(channels: list[Solution], joint: Solution, n: int) -> list[Solution]:

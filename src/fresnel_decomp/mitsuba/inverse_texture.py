@@ -193,13 +193,8 @@ def recover_texture(
         "mcn,mcn->mc", model.columns.mean(axis=0), (shares @ x.reshape(len(x), -1)).reshape(
             -1, 3, basis.terms - 1)
     )  # fmt: skip
-    inside = model.visible
-    residual = (observed.values - predicted)[inside]
-    size = float(observed.values[inside].mean())
+    noise_found, residual = observed.noise_and_residual(predicted, model.visible)
     grid = (height, width, 3, basis.terms - 1)
-    expected = 1.0 / observed.weight[inside]
-    if observed.known_noise is None:
-        expected = expected * np.median(residual**2 / expected) / 0.455
     seen = np.asarray(shares.sum(axis=0)).ravel()
     of_group = np.bincount(groups, seen)[groups]
     known = np.all(errors < 0.5 * PRIOR_DEVIATION, axis=(1, 2)) & (of_group >= 1.0)
@@ -208,8 +203,8 @@ def recover_texture(
         errors.reshape(grid),
         known.reshape(height, width),
         seen.reshape(height, width),
-        float(np.sqrt(np.mean(residual**2))) / size,
-        float(np.sqrt(np.mean(expected))) / size,
+        residual,
+        noise_found,
         float(alpha),
         made.samples,
         basis,
