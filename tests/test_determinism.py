@@ -98,6 +98,7 @@ ELSEWHERE = {
     "mitsuba.inverse_images.Images.render": RECOVER,
     "mitsuba.inverse_images.Images.roughness_derivative": RECOVER,
     "mitsuba.inverse_images.derived_seed": RECOVER,
+    "mitsuba.inverse_images.half_seed": RECOVER,
     "mitsuba.inverse_linear.calibrate": RECOVER,
     "mitsuba.inverse_linear.linearise": RECOVER,
     "mitsuba.inverse_linear.refine_roughness": RECOVER,
