@@ -284,7 +284,7 @@ def _texture(job: Job, size: int, spp: int, quick: bool) -> dict[str, Any]:
 
     from fresnel_decomp import load_basis
     from fresnel_decomp.mitsuba.comparison import render_scene
-    from fresnel_decomp.mitsuba.inverse_texture import recover_texture
+    from fresnel_decomp.mitsuba.inverse import recover_texture
 
     height, width = TEXELS
     y, x = np.mgrid[:height, :width]

@@ -43,7 +43,7 @@ LEAST_ROUNDS = 9
 
 def page_texts(about: dict[str, Any], rows: list[dict[str, Any]]) -> dict[str, str]:
     """What stands between the marks of the page of the documentation."""
-    from fresnel_decomp.report import bench_tables as tables
+    from fresnel_decomp.bench import tables
 
     budgets = "\n\n".join(tables.budget_table(rows, cost) for cost in tables.LIMITS)
     return {
@@ -58,7 +58,7 @@ def page_texts(about: dict[str, Any], rows: list[dict[str, Any]]) -> dict[str, s
 
 def readme_texts(about: dict[str, Any], rows: list[dict[str, Any]]) -> dict[str, str]:
     """What stands between the marks of README: the figure, where it was measured, the table."""
-    from fresnel_decomp.report import bench_tables as tables
+    from fresnel_decomp.bench import tables
 
     figure = f"![Cost against error of Fresnel models](docs/figures/{STEM}.png)"
     parts = [figure, tables.about_line(about), tables.caution(rows), tables.recipe_table(rows)]
@@ -108,11 +108,11 @@ def main(
     if pages and source is None:
         _check_whole(models, rounds, quick)
     doctor.prepare()
-    from fresnel_decomp.report import bench_figures
-    from fresnel_decomp.report import bench_tables as tables
+    from fresnel_decomp.bench import tables
+    from fresnel_decomp.bench.figures import write_figures
 
     if source is None:
-        from fresnel_decomp.report.bench import Settings
+        from fresnel_decomp.bench.run import Settings
 
         changes: dict[str, Any] = {"variant": variant or doctor.best_variant(), "models": models}
         changes |= {} if rounds is None else {"rounds": rounds}
@@ -135,7 +135,7 @@ def main(
     if source.parent.resolve() != figures.resolve():
         write_text(figures / f"{STEM}.csv", source.read_text(encoding="utf-8"))
         write_text(figures / f"{STEM}.json", json.dumps(about, indent=2) + "\n")
-    bench_figures.write_figures(rows, figures, tables.about_line(about))
+    write_figures(rows, figures, tables.about_line(about))
     for path, _, texts in targets:
         if path is not None:
             for name, text in texts(about, rows).items():

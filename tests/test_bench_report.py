@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from fresnel_decomp.report import bench_figures
-from fresnel_decomp.report import bench_tables as tables
-from fresnel_decomp.report.bench import KINDS
-from fresnel_decomp.report.bench_verdicts import _against_built_in, classes, drift
-from fresnel_decomp.report.bench_words import (
+from fresnel_decomp.bench import figures, tables
+from fresnel_decomp.bench.pareto import best_within, clearly_less, counted, front, tied
+from fresnel_decomp.bench.run import KINDS
+from fresnel_decomp.bench.verdicts import _against_built_in, classes, drift
+from fresnel_decomp.bench.words import (
     BUILT_IN,
     COSTS,
     ERRORS,
@@ -19,7 +19,6 @@ from fresnel_decomp.report.bench_words import (
     ratio,
     span,
 )
-from fresnel_decomp.report.pareto import best_within, clearly_less, counted, front, tied
 
 SETS = ("a", "cp", "d", "low")
 
@@ -159,7 +158,7 @@ def test_what_another_backend_does_not_count(tmp_path):
     text = tables.document(bench)
     assert "None" not in text
     assert "GPU (CUDA)" in text
-    drawn = bench_figures.write_figures(rows, tmp_path, tables.about_line(about))
+    drawn = figures.write_figures(rows, tmp_path, tables.about_line(about))
     assert {path.stem.rpartition("_")[2] for path in drawn} == {
         "error", "compute", "streaming", "bsdf", "bytes",
     }  # fmt: skip

@@ -12,15 +12,16 @@ from pathlib import Path
 
 import pytest
 
-from fresnel_decomp import _llvm, _llvm_choice, _llvm_fetch, doctor
+from fresnel_decomp import doctor
 from fresnel_decomp._check import InputError
+from fresnel_decomp._llvm import choice, fetch, search
 
 RUN_KERNEL = "import drjit as dr; from drjit.llvm import Float; x = dr.maximum(Float([1, -2]), 0)"
 
 
 def python(code: str, *, cache: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run `code` in a new interpreter without the choice that this process has made."""
-    for folder in _llvm.cache_folder().glob("lib-*"):  # without which Mitsuba does not import here
+    for folder in search.cache_folder().glob("lib-*"):  # without which Mitsuba does not import here
         if folder.parent != cache:
             with contextlib.suppress(FileExistsError):
                 (cache / folder.name).symlink_to(folder)
@@ -32,9 +33,9 @@ def python(code: str, *, cache: Path, **environment: str) -> subprocess.Complete
     )  # fmt: skip
 
 
-def usable_library() -> _llvm.Library:
+def usable_library() -> search.Library:
     """Return an LLVM that works here, or skip."""
-    library, reasons = _llvm.find()
+    library, reasons = search.find()
     if library is None:
         pytest.skip(f"no usable LLVM: {'; '.join(reasons) or 'none found'}")
     return library
@@ -42,8 +43,8 @@ def usable_library() -> _llvm.Library:
 
 def old_library() -> Path:
     """Return an LLVM that is too old for Dr.Jit, or skip."""
-    for path in _llvm.candidates():
-        if (version := _llvm.version_in_name(path)) and version[0] in (15, 16):
+    for path in search.candidates():
+        if (version := search.version_in_name(path)) and version[0] in (15, 16):
             return path
     pytest.skip("this machine has no LLVM 15 or 16")
 
@@ -52,11 +53,11 @@ def old_library() -> Path:
 def clean(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """An empty cache folder, no variable set, nothing decided, and Dr.Jit as if not imported."""
     monkeypatch.setenv("FRESNEL_DECOMP_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setenv(_llvm.VARIABLE, "")
+    monkeypatch.setenv(search.VARIABLE, "")
     monkeypatch.delenv("FRESNEL_DECOMP_LLVM", raising=False)
-    monkeypatch.setattr(_llvm_choice, "_decided", None)
+    monkeypatch.setattr(choice, "_decided", None)
     monkeypatch.delitem(sys.modules, "drjit", raising=False)
-    monkeypatch.setattr(_llvm, "import_error", lambda: "")
+    monkeypatch.setattr(search, "import_error", lambda: "")
     return tmp_path
 
 
@@ -70,7 +71,7 @@ def put(folder: Path, name: str, *, size: int = 3) -> Path:
 
 def copy_in_cache(version: str = "19.1.7", *, needed: tuple[str, ...] = ()) -> Path:
     """Pretend that `fix` had run."""
-    folder = _llvm.cache_folder() / f"llvm-{version}"
+    folder = search.cache_folder() / f"llvm-{version}"
     path = put(folder / "lib", f"libLLVM.so.{version}")
     for name in needed:
         put(folder / "lib", name)
@@ -99,13 +100,13 @@ def copy_in_cache(version: str = "19.1.7", *, needed: tuple[str, ...] = ()) -> P
     ],
 )
 def test_version_in_name(name: str, version: tuple[int, ...] | None, tmp_path: Path) -> None:
-    assert _llvm.version_in_name(tmp_path / name) == version
+    assert search.version_in_name(tmp_path / name) == version
 
 
 def test_version_in_name_follows_links(tmp_path: Path) -> None:
     put(tmp_path, "libLLVM.so.18.1")
     (tmp_path / "libLLVM.so").symlink_to("libLLVM.so.18.1")
-    assert _llvm.version_in_name(tmp_path / "libLLVM.so") == (18, 1)
+    assert search.version_in_name(tmp_path / "libLLVM.so") == (18, 1)
 
 
 @pytest.mark.parametrize("colour", ["rgb", "spectral"])
@@ -158,7 +159,7 @@ WITHOUT = [
     pytest.param({"DRJIT_LIBLLVM_PATH": __file__}, "cannot be loaded as LLVM", id="no-library"),
     pytest.param({"DRJIT_LIBLLVM_PATH": "libc.so.6"}, "cannot be loaded as LLVM", id="not-LLVM"),
 ]
-HIDE_SYSTEM = "from fresnel_decomp import _llvm; _llvm.candidates = lambda: []; "
+HIDE_SYSTEM = "from fresnel_decomp._llvm import search; search.candidates = lambda: []; "
 
 
 @pytest.mark.parametrize(("environment", "reason"), WITHOUT)
@@ -196,8 +197,9 @@ def test_llvm_15_is_refused_before_any_kernel(tmp_path: Path) -> None:
     code = f"""
 import os
 os.environ["DRJIT_LIBLLVM_PATH"] = {str(old)!r}
-from fresnel_decomp import _llvm, doctor
-_llvm.candidates = lambda: [{str(old)!r}]
+from fresnel_decomp import doctor
+from fresnel_decomp._llvm import search
+search.candidates = lambda: [{str(old)!r}]
 print(doctor.prepare().reason)
 doctor.require_variant("llvm_ad_rgb")
 """
@@ -244,7 +246,7 @@ scene = mi.load_dict({"type": "scene", "shape": {"type": "sphere"},
         "film": {"type": "hdrfilm", "width": 8, "height": 8}}})
 print(float(mi.TensorXf(mi.render(scene, spp=4)).array[0]))
 """
-    done = python(code, cache=_llvm.cache_folder())
+    done = python(code, cache=search.cache_folder())
     assert done.returncode == 0, done.stderr
     assert float(done.stdout) == pytest.approx(1, abs=1e-5)
 
@@ -255,7 +257,7 @@ def test_prepare_is_quick() -> None:
         "import time; from fresnel_decomp import doctor; doctor.prepare(); t = time.perf_counter();"
         "assert doctor.prepare().usable; print(time.perf_counter() - t)"
     )
-    done = python(code, cache=_llvm.cache_folder())
+    done = python(code, cache=search.cache_folder())
     assert done.returncode == 0, done.stderr
     assert float(done.stdout) < 0.05
 
@@ -268,14 +270,14 @@ def test_our_copy_is_found(clean: Path) -> None:
     copy_in_cache("18.1.8")
     llvm = doctor.prepare()
     assert (llvm.usable, llvm.path, llvm.version) == (True, path, (19, 1, 7))
-    assert os.environ[_llvm.VARIABLE] == str(path)
+    assert os.environ[search.VARIABLE] == str(path)
 
 
 def test_a_child_process_recognises_our_copy(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     loaded: list[Path] = []
-    monkeypatch.setattr(_llvm, "preload", loaded.extend)
+    monkeypatch.setattr(search, "preload", loaded.extend)
     path = copy_in_cache(needed=("libz3.so.4",))
-    monkeypatch.setenv(_llvm.VARIABLE, str(path))  # as a parent process leaves it
+    monkeypatch.setenv(search.VARIABLE, str(path))  # as a parent process leaves it
     assert doctor.prepare().usable
     assert [p.name for p in loaded] == ["libz3.so.4"]
 
@@ -289,7 +291,7 @@ def test_a_needed_library_that_does_not_load(clean: Path) -> None:
 
 
 def test_damaged_copies_are_passed_over(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_llvm, "candidates", list)
+    monkeypatch.setattr(search, "candidates", list)
     copy_in_cache("20.1.0").unlink()
     (copy_in_cache("18.1.0").parents[1] / "manifest.json").write_text("{")
     copy_in_cache("16.0.6")
@@ -301,8 +303,8 @@ def test_damaged_copies_are_passed_over(clean: Path, monkeypatch: pytest.MonkeyP
 def test_the_users_choice_comes_first(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     copy_in_cache()
     mine = put(clean, "libLLVM.so.18.1")
-    monkeypatch.setattr(_llvm, "_probe", lambda text: ((18, 1, 0), ""))
-    monkeypatch.setenv(_llvm.VARIABLE, str(mine))
+    monkeypatch.setattr(search, "_probe", lambda text: ((18, 1, 0), ""))
+    monkeypatch.setenv(search.VARIABLE, str(mine))
     assert doctor.prepare().path == mine
 
 
@@ -310,7 +312,7 @@ def test_an_unusable_choice_is_replaced_with_a_warning(
     clean: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = copy_in_cache()
-    monkeypatch.setenv(_llvm.VARIABLE, str(put(clean, "libLLVM-15.so.1")))
+    monkeypatch.setenv(search.VARIABLE, str(put(clean, "libLLVM-15.so.1")))
     assert doctor.prepare().path == path
     assert "older than 17" in caplog.text
     assert f"using '{path}' instead" in caplog.text
@@ -319,11 +321,11 @@ def test_an_unusable_choice_is_replaced_with_a_warning(
 def test_nothing_usable_hides_what_would_abort(
     clean: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_llvm, "candidates", lambda: [put(clean, "libLLVM-16.so.1")])
+    monkeypatch.setattr(search, "candidates", lambda: [put(clean, "libLLVM-16.so.1")])
     llvm = doctor.prepare()
     assert not llvm.usable
     assert "LLVM 16" in llvm.reason
-    assert not Path(os.environ[_llvm.VARIABLE]).exists()
+    assert not Path(os.environ[search.VARIABLE]).exists()
     assert doctor.prepare() == llvm  # our own setting is not mistaken for the user's
 
 
@@ -331,7 +333,7 @@ def test_the_highest_version_of_the_system(clean: Path, monkeypatch: pytest.Monk
     for name in ("libLLVM-15.so.1", "libLLVM.so.18.1", "libLLVM.so.20.1"):
         put(clean, name)
     monkeypatch.setenv("LD_LIBRARY_PATH", str(clean))
-    ours = [p.name for p in _llvm.candidates() if p.parent == clean]
+    ours = [p.name for p in search.candidates() if p.parent == clean]
     assert ours == ["libLLVM.so.20.1", "libLLVM.so.18.1", "libLLVM-15.so.1"]
 
 
@@ -344,13 +346,13 @@ def test_a_probe_is_remembered_until_the_file_changes(
         asked.append(arguments)
         return "[19, 1, 7]", ""
 
-    monkeypatch.setattr(_llvm, "_python", answer)
+    monkeypatch.setattr(search, "_python", answer)
     path = put(clean, "libLLVM.so")
     for _ in range(3):
-        assert _llvm.examine(path)[0] == _llvm.Library(path, (19, 1, 7))
+        assert search.examine(path)[0] == search.Library(path, (19, 1, 7))
     assert len(asked) == 1
     put(clean, "libLLVM.so", size=4)
-    assert _llvm.examine(path)[0]
+    assert search.examine(path)[0]
     assert len(asked) == 2
 
 
@@ -368,7 +370,7 @@ def fake_tools(folder: Path, script: str) -> None:
 def test_fix_with_a_package_manager_that_fails(
     clean: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_llvm, "candidates", list)
+    monkeypatch.setattr(search, "candidates", list)
     fake_tools(clean / "bin", "echo 'E: Temporary failure resolving' >&2; exit 100")
     monkeypatch.setenv("PATH", f"{clean / 'bin'}:/usr/bin:/bin")
     steps: list[str] = []
@@ -384,7 +386,7 @@ def test_fix_with_a_package_manager_that_fails(
 def test_fix_with_a_package_that_holds_nothing(
     clean: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_llvm, "candidates", list)
+    monkeypatch.setattr(search, "candidates", list)
     offer = r"printf 'libllvm19:\n  Installed: (none)\n  Candidate: 1:19.1.7\n'"
     fake_tools(clean / "bin", f"case $* in *policy*) {offer};; *download*) touch a.deb;; esac")
     monkeypatch.setenv("PATH", f"{clean / 'bin'}:/usr/bin:/bin")
@@ -395,7 +397,7 @@ def test_fix_with_a_package_that_holds_nothing(
 
 
 def test_fix_without_a_package_manager(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_llvm, "candidates", list)
+    monkeypatch.setattr(search, "candidates", list)
     monkeypatch.setenv("PATH", str(clean))
     monkeypatch.delenv("CONDA_PREFIX", raising=False)
     llvm = doctor.fix()
@@ -408,8 +410,8 @@ def test_fix_without_a_package_manager(clean: Path, monkeypatch: pytest.MonkeyPa
 def test_fix_into_a_folder_that_cannot_be_made(
     clean: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_llvm, "candidates", list)
-    monkeypatch.setattr(_llvm_fetch, "can_fetch", lambda: True)
+    monkeypatch.setattr(search, "candidates", list)
+    monkeypatch.setattr(fetch, "can_fetch", lambda: True)
     monkeypatch.setenv("FRESNEL_DECOMP_CACHE", str(put(clean, "file") / "cache"))
     assert "FRESNEL_DECOMP_CACHE can name another folder" in doctor.fix().reason
 
@@ -418,9 +420,9 @@ def test_fix_replaces_a_copy_whose_kernels_fail(
     clean: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     broken = copy_in_cache()
-    monkeypatch.setattr(_llvm_fetch, "can_fetch", lambda: True)
-    better = _llvm.Library(clean / "libLLVM.so.20.1", (20, 1))
-    monkeypatch.setattr(_llvm_fetch, "fetch_llvm", lambda progress: better)
+    monkeypatch.setattr(fetch, "can_fetch", lambda: True)
+    better = search.Library(clean / "libLLVM.so.20.1", (20, 1))
+    monkeypatch.setattr(fetch, "fetch_llvm", lambda progress: better)
     steps: list[str] = []
     assert doctor.fix(steps.append).path == better.path
     assert str(broken) in steps[0]
@@ -428,8 +430,8 @@ def test_fix_replaces_a_copy_whose_kernels_fail(
 
 def test_fix_does_nothing_where_llvm_works(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = copy_in_cache()
-    monkeypatch.setattr(_llvm, "run_kernel", lambda library: "")
-    monkeypatch.setattr(_llvm_fetch, "fetch_llvm", lambda progress: pytest.fail("fetched"))
+    monkeypatch.setattr(search, "run_kernel", lambda library: "")
+    monkeypatch.setattr(fetch, "fetch_llvm", lambda progress: pytest.fail("fetched"))
     assert doctor.fix().path == path
     assert doctor.prepare(download=True).path == path
 
@@ -445,7 +447,7 @@ def test_fix_when_it_is_too_late(clean: Path, monkeypatch: pytest.MonkeyPatch) -
         has_backend = staticmethod(lambda backend: False)
 
     copy_in_cache()
-    monkeypatch.setattr(_llvm, "run_kernel", lambda library: "")
+    monkeypatch.setattr(search, "run_kernel", lambda library: "")
     monkeypatch.setitem(sys.modules, "drjit", Without)
     llvm = doctor.fix()
     assert not llvm.usable
@@ -454,14 +456,14 @@ def test_fix_when_it_is_too_late(clean: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_run_kernel_reports_an_abort_of_the_child() -> None:
-    library = _llvm.Library(old_library(), (15,))
+    library = search.Library(old_library(), (15,))
     started = time.perf_counter()
-    assert "took another LLVM: 15" in _llvm.run_kernel(library)
+    assert "took another LLVM: 15" in search.run_kernel(library)
     assert time.perf_counter() - started < 60
 
 
 def test_run_kernel_with_a_library_that_works() -> None:
-    assert _llvm.run_kernel(usable_library()) == ""
+    assert search.run_kernel(usable_library()) == ""
 
 
 # A system library without which Mitsuba does not even import, such as libatomic on a bare Debian.
@@ -479,25 +481,25 @@ LACKING = "libatomic.so.1: cannot open shared object file"
     ],
 )
 def test_package_of(library: str, package: str) -> None:
-    assert _llvm_fetch.package_of(library) == package
+    assert fetch.package_of(library) == package
 
 
 def test_fix_fetches_a_lacking_library(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fetched: list[str] = []
     copy_in_cache()
-    monkeypatch.setattr(_llvm, "import_error", lambda: "" if fetched else LACKING)
-    monkeypatch.setattr(_llvm, "run_kernel", lambda library: "")
-    monkeypatch.setattr(_llvm_fetch, "can_fetch", lambda: True)
-    monkeypatch.setattr(_llvm_fetch, "fetch_library", lambda name, _: fetched.append(name))
+    monkeypatch.setattr(search, "import_error", lambda: "" if fetched else LACKING)
+    monkeypatch.setattr(search, "run_kernel", lambda library: "")
+    monkeypatch.setattr(fetch, "can_fetch", lambda: True)
+    monkeypatch.setattr(fetch, "fetch_library", lambda name, _: fetched.append(name))
     assert doctor.fix().usable
     assert fetched == ["libatomic.so.1"]
 
 
 def test_fix_tries_a_lacking_library_once(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fetched: list[str] = []
-    monkeypatch.setattr(_llvm, "import_error", lambda: LACKING)
-    monkeypatch.setattr(_llvm_fetch, "can_fetch", lambda: True)
-    monkeypatch.setattr(_llvm_fetch, "fetch_library", lambda name, _: fetched.append(name))
+    monkeypatch.setattr(search, "import_error", lambda: LACKING)
+    monkeypatch.setattr(fetch, "can_fetch", lambda: True)
+    monkeypatch.setattr(fetch, "fetch_library", lambda name, _: fetched.append(name))
     llvm = doctor.fix()
     assert fetched == ["libatomic.so.1"]
     assert llvm.reason == "Mitsuba does not import: this system lacks libatomic.so.1"
@@ -505,7 +507,7 @@ def test_fix_tries_a_lacking_library_once(clean: Path, monkeypatch: pytest.Monke
 
 
 def test_a_damaged_install_is_reported(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_llvm, "import_error", lambda: "ImportError: nothing to see")
+    monkeypatch.setattr(search, "import_error", lambda: "ImportError: nothing to see")
     llvm = doctor.fix()
     assert llvm.reason == "Mitsuba does not import: ImportError: nothing to see"
 
@@ -525,7 +527,7 @@ def test_a_lacking_library_is_named_by_the_import(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not _llvm_fetch.can_fetch(), reason="needs apt-get and dpkg-deb")
+@pytest.mark.skipif(not fetch.can_fetch(), reason="needs apt-get and dpkg-deb")
 def test_fix_really_fetches(tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     cache.mkdir()

@@ -14,10 +14,10 @@ from fresnel_decomp import InputError, conductor, load_basis
 from fresnel_decomp.mitsuba import register
 from fresnel_decomp.mitsuba.comparison import render_scene
 from fresnel_decomp.mitsuba.environment import Environment
-from fresnel_decomp.mitsuba.inverse import NonFiniteGradientError, recover
-from fresnel_decomp.mitsuba.inverse_gradient import loss_and_gradient
-from fresnel_decomp.mitsuba.inverse_images import Images, observe
-from fresnel_decomp.mitsuba.inverse_texture import recover_texture
+from fresnel_decomp.mitsuba.inverse import NonFiniteGradientError, recover, recover_texture
+from fresnel_decomp.mitsuba.inverse.gradient import loss_and_gradient
+from fresnel_decomp.mitsuba.inverse.images import Images
+from fresnel_decomp.mitsuba.inverse.observed import observe
 from fresnel_decomp.mitsuba.scenes import lit_object, studio, studio_lights
 
 LLVM_RGB = pytest.mark.parametrize("variant", ["llvm_ad_rgb"], indirect=True)

@@ -153,7 +153,7 @@ def test_the_library_does_not_print():
 def test_loggers_are_those_of_the_package():
     """Quiet unless the program that uses the library asks: no handlers, no levels of its own."""
     code = (
-        "import json, logging, fresnel_decomp.spectra, fresnel_decomp._llvm_choice\n"
+        "import json, logging, fresnel_decomp.spectra, fresnel_decomp._llvm.choice\n"
         "names = [n for n in logging.root.manager.loggerDict if n.startswith('fresnel_decomp')]\n"
         "found = [logging.getLogger(n) for n in names]\n"
         "print(json.dumps([[l.name, l.level, len(l.handlers)] for l in found]))"

@@ -15,10 +15,10 @@ import pytest
 from click.testing import CliRunner
 
 from fresnel_decomp import InputError, doctor
-from fresnel_decomp.report import bench as bench_module
-from fresnel_decomp.report import bench_tables as tables
-from fresnel_decomp.report.bench import KINDS, Settings
-from fresnel_decomp.report.pareto import pareto_front
+from fresnel_decomp.bench import run as bench_module
+from fresnel_decomp.bench import tables
+from fresnel_decomp.bench.pareto import pareto_front
+from fresnel_decomp.bench.run import KINDS, Settings
 
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "speed_vs_error.md"
@@ -144,7 +144,8 @@ def test_a_run_goes_on_where_it_stopped(measured, tmp_path: Path, monkeypatch):
     folder, result = measured
     done = records(folder)
     assert len(done) == 4
-    from fresnel_decomp.mitsuba import candidates, timing
+    from fresnel_decomp.bench import candidates
+    from fresnel_decomp.mitsuba import timing
 
     settings, checked = quick(models=("exact, wide", "Lazanyi")), []
     check = candidates.check
@@ -197,7 +198,8 @@ def test_a_wrong_model_is_refused_before_anything_is_timed(
     finished: bool, measured, llvm, tmp_path: Path, monkeypatch
 ):
     """Also one of a later group, and one whose record is there already."""
-    from fresnel_decomp.mitsuba import candidates, timing
+    from fresnel_decomp.bench import candidates
+    from fresnel_decomp.mitsuba import timing
 
     everything = candidates.candidates
 
@@ -232,7 +234,7 @@ def test_a_wrong_model_is_refused_before_anything_is_timed(
 )
 def test_small_mistakes_are_found(name: str, llvm):
     """Off by 2e-4 for grazing angles, or with two stored numbers exchanged."""
-    from fresnel_decomp.mitsuba.candidates import WrongAnswerError, candidates, check
+    from fresnel_decomp.bench.candidates import WrongAnswerError, candidates, check
 
     (candidate,) = (c for c in candidates((32,)) if c.name == name)
     assert check(candidate) < 2e-4
@@ -249,7 +251,7 @@ def test_small_mistakes_are_found(name: str, llvm):
 def test_wrong_bsdfs_and_pictures_are_found(llvm):
     import mitsuba as mi
 
-    from fresnel_decomp.mitsuba import candidates as module
+    from fresnel_decomp.bench import candidates as module
     from fresnel_decomp.mitsuba.workloads import directions
 
     look = {"distribution": "ggx", "alpha": 0.2}
@@ -267,7 +269,7 @@ def test_pictures_cannot_be_exchanged(llvm):
     """The scene of one model is not accepted as that of any other that differs from it."""
     import mitsuba as mi
 
-    from fresnel_decomp.mitsuba import candidates as module
+    from fresnel_decomp.bench import candidates as module
     from fresnel_decomp.mitsuba.workloads import BERYLLIUM, picture
 
     look = {"distribution": "ggx", "alpha": 0.2}
@@ -291,7 +293,7 @@ def test_pictures_cannot_be_exchanged(llvm):
 
 
 def test_files_and_figures(measured, tmp_path: Path):
-    from fresnel_decomp.report.bench_figures import figure_paths, write_figures
+    from fresnel_decomp.bench.figures import figure_paths, write_figures
 
     _, result = measured
     csv_path, json_path, page = tables.write(result, tmp_path)
@@ -356,7 +358,7 @@ def test_pages_say_what_the_file_of_numbers_says(script):
 
 
 def test_the_file_of_numbers_has_every_model(llvm):
-    from fresnel_decomp.mitsuba.candidates import candidates
+    from fresnel_decomp.bench.candidates import candidates
 
     rows, known = tables.read_csv(NUMBERS), candidates(Settings.table_sizes)
     assert [row["model"] for row in rows] == [c.name for c in known]

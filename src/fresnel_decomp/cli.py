@@ -431,7 +431,7 @@ def bench(
     fresnel-decomp bench --models Schlick --models F82 --models "balanced, ? terms"
     """
     from . import doctor
-    from .report.bench import Settings
+    from .bench.run import Settings
 
     changes: dict[str, Any] = {"variant": variant or doctor.best_variant(), "models": models}
     changes |= {"seed": seed} | ({} if rounds is None else {"rounds": rounds})
@@ -442,9 +442,9 @@ def bench(
 
 def run_bench(settings: Any, folder: Path, force: bool = False) -> Any:
     """Run a benchmark with a progress bar, write its files, and say what they are."""
-    from .mitsuba.candidates import WrongAnswerError
-    from .report import bench_figures, bench_tables
-    from .report.bench import run
+    from .bench import figures, tables
+    from .bench.candidates import WrongAnswerError
+    from .bench.run import run
 
     settings.check()
     try:
@@ -459,11 +459,11 @@ def run_bench(settings: Any, folder: Path, force: bool = False) -> Any:
             err=True,
         )
         sys.exit(130)
-    about = bench_tables.about_line(result.about)
-    written = bench_tables.write(result, folder)
-    written += bench_figures.write_figures(result.rows, folder, about)
+    about = tables.about_line(result.about)
+    written = tables.write(result, folder)
+    written += figures.write_figures(result.rows, folder, about)
     click.echo(about)
-    click.echo(bench_tables.recipe_table(result.rows))
+    click.echo(tables.recipe_table(result.rows))
     click.echo(f"Wrote {', '.join(path.name for path in written)} to {folder}")
     return result
 

@@ -19,9 +19,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from . import _llvm
 from ._check import choose, input_error
-from ._llvm_choice import LLVM, fix, import_mitsuba, prepare
+from ._llvm import search
+from ._llvm.choice import LLVM, fix, import_mitsuba, prepare
 from ._version import __version__
 
 __all__ = [
@@ -164,7 +164,7 @@ def report() -> Report:
         except metadata.PackageNotFoundError:
             versions[package] = "not installed"
     where = f"{platform.system()} {platform.machine()}"
-    cache, llvm = _llvm.cache_folder(), prepare()
+    cache, llvm = search.cache_folder(), prepare()
     try:
         variants, best = usable_variants(), best_variant()
     except ImportError as error:
@@ -175,7 +175,7 @@ def report() -> Report:
 def format_report(result: Report) -> str:
     """Return a `Report` as text for a terminal, what to do next at its end."""
     llvm = result.llvm
-    found = f"{_llvm.spell(llvm.version)}  {llvm.path or ''}".rstrip() if llvm.usable else "none"
+    found = f"{search.spell(llvm.version)}  {llvm.path or ''}".rstrip() if llvm.usable else "none"
     rows = {**result.versions, "platform": result.platform, "LLVM": found}
     lines = [f"{name:<16}{text}" for name, text in rows.items()]
     if result.error:

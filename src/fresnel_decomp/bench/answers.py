@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .basis import Basis
-from .models import Lazanyi
+from ..basis import Basis
+from ..models import Lazanyi
 
 __all__ = ["decomposition", "exact", "f82", "gulbrandsen", "lazanyi", "schlick", "tabulated"]
 

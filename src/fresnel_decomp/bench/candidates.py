@@ -16,20 +16,20 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _answers as answers
 from .._array import drjit_constant
 from ..accuracy import RECIPE_ORDER, TERMS
 from ..basis import Basis, load_basis
 from ..converters import convert
 from ..curves import CurveSet, dielectrics, error_cosines, gulbrandsen_grid, low_index_corner
 from ..fresnel import conductor
+from ..mitsuba import fresnel_terms as terms
+from ..mitsuba.operations import count_gathers, count_operations, count_vector_operations
+from ..mitsuba.workloads import BERYLLIUM, Picture
 from ..models import F82, Gulbrandsen, Lazanyi, Schlick
 from ..parametrization import F82_COSINE, gulbrandsen_to_ior
 from ..representations import Curve
 from ..spectra import Material
-from . import fresnel_terms as terms
-from .operations import count_gathers, count_operations, count_vector_operations
-from .workloads import BERYLLIUM, Picture
+from . import answers
 
 __all__ = [
     "BASE",

@@ -17,8 +17,9 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-from .._check import InputError, input_error
-from .inverse_images import Images, Observed, half_seed
+from ..._check import InputError, input_error
+from .images import Images, half_seed
+from .observed import Observed
 
 __all__ = ["Descent", "NonFiniteGradientError", "descend", "loss_and_gradient"]
 

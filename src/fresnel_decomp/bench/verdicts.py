@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from .bench import KINDS, Row
-from .bench_words import BUILT_IN, COSTS, ERRORS, error_text, listed, span
 from .pareto import clearly_less, front, tied
+from .run import KINDS, Row
+from .words import BUILT_IN, COSTS, ERRORS, error_text, listed, span
 
 __all__ = ["STEADY", "caution", "classes", "drift", "verdicts"]
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ._llvm import MANIFEST, Library, _python, cache_folder, run_kernel, spell
+from .search import MANIFEST, Library, _python, cache_folder, run_kernel, spell
 
 __all__ = ["FetchError", "can_fetch", "fetch_library", "fetch_llvm", "package_of"]
 

@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import style
-from .bench import Row
-from .bench_words import COSTS, ERRORS
+from ..report import style
 from .pareto import counted, front, tied
+from .run import Row
+from .words import COSTS, ERRORS
 
 __all__ = ["draw_cost", "draw_overview", "figure_paths", "write_figures"]
 

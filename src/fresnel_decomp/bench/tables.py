@@ -1,7 +1,7 @@
 """What a benchmark found, in tables, and as files.
 
 Everything is made of the rows alone, so that a page can be checked against the file of numbers
-beside it. `bench_verdicts` says in sentences what the numbers say.
+beside it. `verdicts` says in sentences what the numbers say.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ from typing import Any
 
 from .._files import write_json, write_text
 from .._markdown import markdown_table
-from .bench import KINDS, Bench, Row
-from .bench_verdicts import STEADY, caution, drift, verdicts
-from .bench_words import (
+from .pareto import best_within, front
+from .run import KINDS, Bench, Row
+from .verdicts import STEADY, caution, drift, verdicts
+from .words import (
     COSTS,
     ERRORS,
     LIMITS,
@@ -29,7 +30,6 @@ from .bench_words import (
     short,
     span,
 )
-from .pareto import best_within, front
 
 __all__ = [
     "COSTS",

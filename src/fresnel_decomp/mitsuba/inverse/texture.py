@@ -18,11 +18,12 @@ import scipy.sparse
 import scipy.sparse.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import input_error, is_real, is_whole
-from ..basis import Basis, load_basis
-from ..inverse_fit import PRIOR_DEVIATION, curve_limits, nearest_feasible
-from .inverse_images import Images, Observed, Setup, derived_seed, observe
-from .inverse_linear import Linearised, linearise, solve_twice
+from ..._check import input_error, is_real, is_whole
+from ...basis import Basis, load_basis
+from ...inverse_fit import PRIOR_DEVIATION, curve_limits, nearest_feasible
+from .images import Images, Setup, derived_seed
+from .linear import Linearised, linearise, solve_twice
+from .observed import Observed, observe
 
 __all__ = ["RecoveredTexture", "recover_texture", "texel_shares"]
 

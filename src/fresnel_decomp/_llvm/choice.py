@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from . import _llvm
+from . import search
 
 __all__ = ["LLVM", "fix", "import_mitsuba", "prepare"]
 
@@ -91,7 +91,7 @@ def fix(progress: Callable[[str], None] | None = None) -> LLVM:
         As from `prepare`, and tried: a kernel was compiled and run with it in another process.
         Failure is told by `usable`, `reason` and `remedy`.
     """
-    from . import _llvm_fetch
+    from . import fetch
 
     def tell(text: str) -> None:
         _log.info("%s", text)
@@ -105,46 +105,46 @@ def fix(progress: Callable[[str], None] | None = None) -> LLVM:
         return _decide()
     library, reasons = _found()
     if library:
-        tell(f"trying LLVM {_llvm.spell(library.version)} ({library.path})")
-        if not (error := _llvm.run_kernel(library)):
+        tell(f"trying LLVM {search.spell(library.version)} ({library.path})")
+        if not (error := search.run_kernel(library)):
             return _adopt(library)
-        reasons = [f"LLVM {_llvm.spell(library.version)} ('{library.path}') fails: {error}"]
-    if not _llvm_fetch.can_fetch():
+        reasons = [f"LLVM {search.spell(library.version)} ('{library.path}') fails: {error}"]
+    if not fetch.can_fetch():
         return _nothing(reasons, f"Run: {_install_command()}")
     try:
-        return _adopt(_llvm_fetch.fetch_llvm(tell))
-    except _llvm_fetch.FetchError as error:
+        return _adopt(fetch.fetch_llvm(tell))
+    except fetch.FetchError as error:
         _log.info("no LLVM could be fetched: %s", error)
         return _nothing([*reasons, f"fetching one failed: {error}"], f"Run: {_install_command()}")
 
 
 def _complete(tell: Callable[[str], None]) -> LLVM | None:
     """Get the system libraries without which Mitsuba does not even import, such as libatomic."""
-    from . import _llvm_fetch
+    from . import fetch
 
     missing, before = "", None
-    while error := _llvm.import_error():
-        missing = _llvm.missing_library(error)
+    while error := search.import_error():
+        missing = search.missing_library(error)
         if not missing:
             return _nothing([f"Mitsuba does not import: {error}"], "Install it again with pip")
         reason, remedy = _lacking(missing)
-        if missing == before or not _llvm_fetch.can_fetch():
+        if missing == before or not fetch.can_fetch():
             return _nothing([reason], remedy)
         before = missing
         try:
-            _llvm_fetch.fetch_library(missing, tell)
-        except _llvm_fetch.FetchError as failure:
+            fetch.fetch_library(missing, tell)
+        except fetch.FetchError as failure:
             return _nothing([reason, f"fetching it failed: {failure}"], remedy)
     return None
 
 
 def _lacking(library: str) -> tuple[str, str]:
     """Return the reason and the remedy for a system library that Mitsuba needs and is not there."""
-    from . import _llvm_fetch
+    from . import fetch
 
     remedy = f"Install the package that provides {library}"
-    if _llvm_fetch.can_fetch():
-        install = f"sudo apt-get install {_llvm_fetch.package_of(library)}"
+    if fetch.can_fetch():
+        install = f"sudo apt-get install {fetch.package_of(library)}"
         remedy = f"Run: {_FIX} (or {install})"
     return f"Mitsuba does not import: this system lacks {library}", remedy
 
@@ -152,40 +152,40 @@ def _lacking(library: str) -> tuple[str, str]:
 def _preload_runtime() -> None:
     """Load what `fix` fetched for Mitsuba itself; should that fail, the import says so."""
     with contextlib.suppress(OSError):
-        _llvm.preload(_llvm.runtime())
+        search.preload(search.runtime())
 
 
 def _decide() -> LLVM:
     """Choose an LLVM for Dr.Jit, which is not yet imported."""
     if _switched_off():
         return _nothing([_OFF], "Unset it")
-    before = os.environ.get(_llvm.VARIABLE)
+    before = os.environ.get(search.VARIABLE)
     library, reasons = _found()
     if library:
         return _adopt(library)
-    if _decided and before == _llvm.NONE and _decided.reason not in ("", _OFF):
+    if _decided and before == search.NONE and _decided.reason not in ("", _OFF):
         return _decided  # still nothing: its reason may name what the user had set the variable to
-    from . import _llvm_fetch
+    from . import fetch
 
-    remedy = f"Run: {_FIX}" if _llvm_fetch.can_fetch() else f"Run: {_install_command()}"
+    remedy = f"Run: {_FIX}" if fetch.can_fetch() else f"Run: {_install_command()}"
     return _nothing(reasons, remedy)
 
 
-def _found() -> tuple[_llvm.Library | None, list[str]]:
+def _found() -> tuple[search.Library | None, list[str]]:
     """Look for a usable library: the one that the user names, ours, the system's."""
-    given = os.environ.get(_llvm.VARIABLE, "")
-    if not given or given == _llvm.NONE:
-        return _llvm.find()
-    named, reason = _llvm.examine(given)
+    given = os.environ.get(search.VARIABLE, "")
+    if not given or given == search.NONE:
+        return search.find()
+    named, reason = search.examine(given)
     if named:
         return named, []
-    library, reasons = _llvm.find()
+    library, reasons = search.find()
     if library:
-        _log.warning("%s=%s; using '%s' instead", _llvm.VARIABLE, reason, library.path)
-    return library, [f"{_llvm.VARIABLE}: {reason}", *reasons]
+        _log.warning("%s=%s; using '%s' instead", search.VARIABLE, reason, library.path)
+    return library, [f"{search.VARIABLE}: {reason}", *reasons]
 
 
-def _adopt(library: _llvm.Library) -> LLVM:
+def _adopt(library: search.Library) -> LLVM:
     """Have Dr.Jit use `library`, or say that it is too late for that."""
     global _decided
     if "drjit" in sys.modules:
@@ -194,15 +194,15 @@ def _adopt(library: _llvm.Library) -> LLVM:
             return now
         return LLVM(
             False, library.path, library.version,
-            f"LLVM {_llvm.spell(library.version)} is ready, but Dr.Jit was imported without it",
+            f"LLVM {search.spell(library.version)} is ready, but Dr.Jit was imported without it",
             "Start Python again",
         )  # fmt: skip
     try:
-        _llvm.preload(library.preload)
+        search.preload(library.preload)
     except OSError as error:
         reason = f"'{library.path}' needs a library that does not load ({error})"
         return _nothing([reason], f"Run: {_FIX}")
-    os.environ[_llvm.VARIABLE] = str(library.path)
+    os.environ[search.VARIABLE] = str(library.path)
     _decided = LLVM(True, library.path, library.version)
     return _decided
 
@@ -211,7 +211,7 @@ def _nothing(reasons: list[str], remedy: str) -> LLVM:
     """Keep Dr.Jit from using any LLVM, and say why."""
     global _decided
     if "drjit" not in sys.modules:
-        os.environ[_llvm.VARIABLE] = _llvm.NONE
+        os.environ[search.VARIABLE] = search.NONE
     reason = "; ".join(reasons[:3]) or "no LLVM was found"
     _decided = LLVM(False, reason=reason, remedy=remedy)
     return _decided
@@ -228,17 +228,17 @@ def _settled(drjit: Any) -> LLVM:
             return LLVM(False, None, None, reason, f"{_RESTART}, or run: {_FIX}")
         if not _decided.usable:
             return _decided
-        reason = f"Dr.Jit does not accept LLVM {_llvm.spell(_decided.version)} ('{_decided.path}')"
+        reason = f"Dr.Jit does not accept LLVM {search.spell(_decided.version)} ('{_decided.path}')"
         return LLVM(False, _decided.path, _decided.version, reason, f"Run: {_FIX}")
-    given = os.environ.get(_llvm.VARIABLE, "")
-    path = Path(given) if given and given != _llvm.NONE else None
-    if version[0] >= _llvm.MINIMUM:
+    given = os.environ.get(search.VARIABLE, "")
+    path = Path(given) if given and given != search.NONE else None
+    if version[0] >= search.MINIMUM:
         return LLVM(True, path, version)
     reason = (
-        f"Dr.Jit was imported before prepare() and has taken LLVM {_llvm.spell(version)}, "
-        f"which aborts its kernels (below {_llvm.MINIMUM})"
+        f"Dr.Jit was imported before prepare() and has taken LLVM {search.spell(version)}, "
+        f"which aborts its kernels (below {search.MINIMUM})"
     )
-    return LLVM(False, None, version, reason, f"{_RESTART}, or set {_llvm.VARIABLE}")
+    return LLVM(False, None, version, reason, f"{_RESTART}, or set {search.VARIABLE}")
 
 
 def _switched_off() -> bool:
@@ -262,7 +262,7 @@ def _install_command() -> str:
     for tool, command in commands.items():
         if shutil.which(tool):
             return command
-    return f"install LLVM {_llvm.MINIMUM} or newer, or point {_llvm.VARIABLE} at its libLLVM"
+    return f"install LLVM {search.MINIMUM} or newer, or point {search.VARIABLE} at its libLLVM"
 
 
 def import_mitsuba() -> tuple[Any, Any]:
@@ -281,7 +281,7 @@ def import_mitsuba() -> tuple[Any, Any]:
     except (ImportError, NameError) as error:
         # drjit/__init__.py hides the loader's complaint behind a NameError
         cause: BaseException | None = error
-        while cause and not (missing := _llvm.missing_library(str(cause))):
+        while cause and not (missing := search.missing_library(str(cause))):
             cause = cause.__context__
         if cause is None:
             raise
@@ -292,7 +292,7 @@ def import_mitsuba() -> tuple[Any, Any]:
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
     """Silence the two lines that Dr.Jit writes to stderr where we gave it no LLVM on purpose."""
-    if os.environ.get(_llvm.VARIABLE) != _llvm.NONE or "drjit" in sys.modules:
+    if os.environ.get(search.VARIABLE) != search.NONE or "drjit" in sys.modules:
         yield
         return
     try:

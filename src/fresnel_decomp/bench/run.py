@@ -1,11 +1,11 @@
 """Speed against error: every model judged and timed in one run, which may be interrupted.
 
 Before anything is timed, all models, as functions, in BSDFs and in the scene of the picture, are
-compared with independent answers (`mitsuba.candidates.check`), in every run. Then each is judged on
+compared with independent answers (`bench.candidates.check`), in every run. Then each is judged on
 sets of curves and measured materials by what its kernel evaluates, in float32, and timed. A model's
 record is written after each of these two stages, so that the same command goes on where it stopped.
 Records are those of one version of the package and one set of settings: any other has its own.
-`bench_tables` and `bench_figures` make of the records what people read.
+`tables` and `figures` make of the records what people read.
 
 Times are kernel times relative to those of `mi.fresnel_conductor` (of a BSDF and a picture:
 `roughconductor`). Some models at a time take turns with it, round by round; a ratio is the median
@@ -35,7 +35,7 @@ from ..accuracy import COLOUR_DEGREES, SETS, colour_errors, measure, usable_mate
 from ..fresnel import conductor
 
 if TYPE_CHECKING:
-    from ..mitsuba.candidates import Candidate
+    from .candidates import Candidate
 
 __all__ = ["KINDS", "Bench", "Settings", "run"]
 
@@ -174,7 +174,7 @@ def run(
 
     with variant_scope(settings.variant):
         from ..machine import machine_facts, source_hash
-        from ..mitsuba.candidates import candidates
+        from .candidates import candidates
 
         chosen = _select(candidates(settings.table_sizes), settings.models)
         about = {
@@ -269,7 +269,8 @@ class _Work:
         """Compare all answers, those of finished models too; raises `WrongAnswerError`."""
         import mitsuba as mi
 
-        from ..mitsuba import candidates, workloads
+        from ..mitsuba import workloads
+        from . import candidates
 
         s = self.settings
         si, wo = workloads.directions(min(s.bsdf_points, 20_000), s.seed + 1)
@@ -298,7 +299,7 @@ class _Work:
 
     def identity(self, candidate: Candidate) -> Row:
         """Everything but errors and times."""
-        from ..mitsuba.candidates import operation_counts
+        from .candidates import operation_counts
 
         material = candidate.material_bytes()
         return {
@@ -330,7 +331,7 @@ class _Work:
 
     def colours_of(self, candidate: Candidate) -> Row:
         """Errors of the colours of measured materials."""
-        from ..mitsuba.candidates import reflectances
+        from .candidates import reflectances
 
         if candidate.store_colour is None:
             return {f"delta_e_{error}": None for error in _COLOUR_ERRORS}
@@ -345,8 +346,8 @@ class _Work:
 
     def times(self, group: Sequence[Candidate]) -> None:
         """Of the models of a group, in turns with the built-in."""
-        from ..mitsuba.candidates import BASE, candidates
         from ..mitsuba.timing import interleaved_times, ratio_and_spread
+        from .candidates import BASE, candidates
 
         others = [candidate for candidate in group if candidate.name != BASE]
         runs = self.runs([candidates(())[0], *others])
@@ -442,7 +443,7 @@ def _bound(candidate: Candidate, stored: Sequence[Any]) -> Callable[[Any], Any]:
 
 def _kernels(group: Sequence[Candidate]) -> Callable[[Any], dict[str, Any]]:
     """As `accuracy.fits`, by what the kernels of candidates evaluate."""
-    from ..mitsuba.candidates import reflectances
+    from .candidates import reflectances
 
     def fit(candidate: Candidate, cos_theta: Any) -> Callable[[Any, Any], Any]:
         return lambda eta, k: reflectances(candidate, candidate.store(eta, k), cos_theta)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from .bench import KINDS, Row
 from .pareto import two_digits
+from .run import KINDS, Row
 
 __all__ = [
     "BUILT_IN",

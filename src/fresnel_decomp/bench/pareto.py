@@ -48,7 +48,7 @@ def pareto_front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
 
     Examples
     --------
-    >>> from fresnel_decomp.report.pareto import pareto_front
+    >>> from fresnel_decomp.bench.pareto import pareto_front
     >>> pareto_front([1.0, 0.2, 0.5, 0.6], [0.0, 0.3, 0.1, 0.1])
     [1, 2, 0]
     """

@@ -272,8 +272,8 @@ def _probe(text: str) -> tuple[tuple[int, ...] | None, str]:
         return None, error  # not remembered: a missing dependency can be installed any time
     version = tuple(json.loads(output))
     if stamp:
-        from ._check import InputError
-        from ._files import write_json
+        from .._check import InputError
+        from .._files import write_json
 
         try:
             memory.parent.mkdir(parents=True, exist_ok=True)

@@ -1,39 +1,27 @@
-"""Inverse rendering: what a metal is made of, from images of it under known light.
-
-`recover` has three routes. "linear" renders the basis and solves constrained least squares;
-"gradient" descends with Mitsuba's `prb` integrator; "hybrid" solves linearly inside a search for
-what images are not linear in. All of them say how sure they are of each number.
-"""
+"""One call, three routes: what a uniform metal is made of, from images of it under known light."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from .._check import choose, input_error, is_real, is_whole
-from ..basis import Basis, load_basis
-from ..fresnel import conductor
-from ..inverse_fit import PRIOR_DEVIATION, Solution, curve_limits, least_squares
-from ..parametrization import gulbrandsen_to_ior
-from .inverse_gradient import RANGES, Descent, NonFiniteGradientError, descend
-from .inverse_images import KINDS, Images, Observed, Setup, derived_seed, names_of, observe
-from .inverse_linear import (
-    LinearFit,
-    calibrate,
-    fit_channels,
-    refine_roughness,
-    search_roughness,
-    solve_images,
-    solve_jointly,
-)
+from ..._check import choose, input_error, is_real, is_whole
+from ...basis import Basis, load_basis
+from ...inverse_fit import PRIOR_DEVIATION, Solution, curve_limits, least_squares
+from .calibration import calibrate, fit_channels
+from .gradient import RANGES, Descent, descend
+from .images import KINDS, Images, Setup, derived_seed, names_of
+from .linear import LinearFit, solve_images
+from .observed import Observed, observe
+from .result import Recovered, Step, coefficients
+from .roughness import refine_roughness, search_roughness, solve_jointly
 
-__all__ = ["ROUTES", "NonFiniteGradientError", "Recovered", "Step", "curve", "recover"]
+__all__ = ["ROUTES", "recover"]
 
 Array = NDArray[np.float64]
 
@@ -41,124 +29,8 @@ ROUTES = ("linear", "gradient", "hybrid")
 
 _SEARCH_SPP = 16
 _WEIGHINGS = 5  # at most, until the descent no longer cares
+_SPAN = (0.02, 0.9)  # of roughness, in the search
 _DIFFERENCES = {"eta": 0.02, "k": 0.02}  # steps of the last derivative; .01 else
-
-
-@dataclass(frozen=True)
-class Step:
-    """Where a route stood on its way.
-
-    Attributes
-    ----------
-    seconds : float
-    samples : int
-        Camera paths traced so far.
-    values : dict
-        Parameters by name, with "alpha".
-    """
-
-    seconds: float
-    samples: int
-    values: dict[str, Any]
-
-
-@dataclass(frozen=True, eq=False)
-class Recovered:
-    """A recovered conductor.
-
-    Attributes
-    ----------
-    parameters, route : str
-        As asked for.
-    values : dict
-        (3,) arrays by name, red, green, blue; "alpha" is a number.
-    standard_errors : dict
-        Of `values`: one standard deviation, from the scatter of the images' own residuals.
-        Infinite where the images say nothing. Roughness that was given has 0.
-    identified : dict
-        (3,) bool by name: whether the images know more than the parameter's range does.
-    coefficients : (3, n) float
-        Of the decomposed curves.
-    alpha : float
-    residual : float
-        RMS difference between images and prediction over the conductor's pixels, relative to
-        their mean radiance.
-    noise : float
-        The same, as the noise of both would explain it. A residual far above says that the scene
-        or the parameters cannot explain the images.
-    iterations : int
-        Linearisations, roughnesses tried, or steps of the descent.
-    samples : int
-        Camera paths traced.
-    seconds : float
-    converged : bool
-    message : str
-        What to do if something is doubtful, else "".
-    constrained : (3,) bool
-        Channels in which bounds decided.
-    history : tuple of Step
-    """
-
-    parameters: str
-    route: str
-    values: dict[str, Any]
-    standard_errors: dict[str, Any]
-    identified: dict[str, Any]
-    coefficients: Array
-    alpha: float
-    residual: float
-    noise: float
-    iterations: int
-    samples: int
-    seconds: float
-    converged: bool
-    message: str
-    constrained: NDArray[np.bool_]
-    fresnel: str
-    basis: Basis = field(repr=False)
-    distribution: str = "ggx"
-    history: tuple[Step, ...] = field(default=(), repr=False)
-
-    def reflectance(self, cos_theta: Any) -> Array:
-        """Reflectance of red, green and blue at cosines (...), as (..., 3)."""
-        return curve(self.values, self.basis, self.fresnel, cos_theta)
-
-    def bsdf(self) -> dict[str, Any]:
-        """The dictionary of a `decomposed_conductor` that looks so."""
-        named = {name: value for name, value in self.values.items() if name != "alpha"}
-        return {
-            "type": "decomposed_conductor",
-            **{name: {"type": "rgb", "value": list(map(float, v))} for name, v in named.items()},
-            "alpha": self.alpha,
-            "distribution": self.distribution,
-            "fresnel": self.fresnel,
-            "recipe": self.basis.recipe,
-            "terms": self.basis.terms,
-        }
-
-
-def curve(values: Mapping[str, Any], basis: Basis, fresnel: str, cos_theta: Any) -> Array:
-    """Reflectance (..., 3) of named parameters."""
-    cosine = np.asarray(cos_theta, np.float64)[..., None]
-    if fresnel == "exact":
-        return np.asarray(conductor(cosine, *_indices(values)))
-    return basis.evaluate(_coefficients(values, basis), cosine)
-
-
-def _indices(values: Mapping[str, Any]) -> tuple[Any, Any]:
-    if "eta" in values:
-        return np.asarray(values["eta"]), np.asarray(values["k"])
-    return gulbrandsen_to_ior(np.asarray(values["r"]), np.asarray(values["g"]))
-
-
-def _coefficients(values: Mapping[str, Any], basis: Basis) -> Array:
-    """(3, terms) of named parameters."""
-    if "c0" in values:
-        return np.stack([values[f"c{i}"] for i in range(basis.terms)], axis=-1)
-    if "f0" in values:
-        nodes = np.stack([values[f"f{i}"] for i in range(1, basis.terms - 1)], axis=-1)
-        return np.asarray(basis.coefficients_from_reflectance(values["f0"], nodes))
-    return np.asarray(basis.coefficients(*_indices(values), poor_fit="keep"))
 
 
 def recover(
@@ -401,7 +273,8 @@ class _Run:
                 exact, fit, self.observed, alpha, spp=spp, seed=self.seed_for(1), limits=limits
             )
             self._record(inner, x, alpha)
-        values, errors, message = self._named(x, fit, inner, first)
+        values, errors = self._named(x, fit, inner, first)
+        message = "" if fit.converged else "Not converged: raise iterations or spp."
         return self._finish(
             route, values, errors, alpha, alpha_error, fit.model.predict(fit.x), fit.model.visible,
             tried + fit.iterations, fit.converged, message,
@@ -410,25 +283,22 @@ class _Run:
 
     def _named(
         self, x: Array, fit: LinearFit, inner: Sequence[str], first: Array
-    ) -> tuple[dict[str, Any], dict[str, Any], str]:
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Values and standard errors of the parameters asked for."""
         if self.kind in ("nodes", "coefficients"):
             errors = np.stack([s.standard_errors for s in fit.channels], axis=1)
             return (
                 dict(zip(inner, x, strict=True)),
                 dict(zip(inner, errors, strict=True)),
-                "" if fit.converged else "Not converged: raise iterations or spp.",
             )
         fits = fit_channels(x, fit.channels, self.kind, self.basis, first)
         names = names_of(self.kind, self.basis.terms)
         values = np.stack([f.values for f in fits], axis=1)
         errors = np.sqrt(np.stack([np.diag(f.covariance) for f in fits], axis=1))
         self._record(names, values, self.history[-1].values["alpha"])
-        message = "" if fit.converged else "Not converged: raise iterations or spp."
         return (
             dict(zip(names, values, strict=True)),
             dict(zip(names, errors, strict=True)),
-            message,
         )
 
     # --- gradient ---
@@ -532,7 +402,7 @@ class _Run:
             values | {"alpha": alpha},
             errors | {"alpha": alpha_error},
             identified | {"alpha": bool(alpha_error < PRIOR_DEVIATION)},
-            _coefficients(values, self.basis),
+            coefficients(values, self.basis),
             alpha,
             residual,
             noise,
@@ -547,9 +417,6 @@ class _Run:
             self.distribution,
             tuple(self.history),
         )
-
-
-_SPAN = (0.02, 0.9)  # of roughness, in the search
 
 
 def _width(name: str) -> float:
