@@ -61,7 +61,7 @@ class Case:
 
 
 GOOD, BAD = {"eta": 0.6, "k": 2.5}, {"eta": 4.0, "k": 0.3}
-_STEPS = {"iterations": 150, "spp": 32}
+_STEPS = {"iterations": 300, "spp": 32}
 CASES = (
     Case("linear, node colours", "any", "nodes", "linear"),
     Case("linear, (eta, k)", "any", "indices", "linear"),

@@ -187,6 +187,7 @@ def test_what_images_do_not_show_is_said(variant: str) -> None:
     result = recover(photographs([setup], 16, 0.05), setup, alpha=0.05, spp=16)
     assert np.all(result.identified["f0"])
     assert not np.any(result.identified["f1"])
+    assert "say little about f1" in result.message
     assert np.all((result.coefficients @ load_basis()(COSINES).T) < 1.051)  # but bounded
 
 
@@ -207,21 +208,24 @@ def test_hybrid_finds_roughness(start: float, variant: str) -> None:
 @LLVM_RGB
 def test_gradient_descent(variant: str) -> None:
     """From a good start it arrives; the exact indices, from a bad one, do not, and say so."""
-    setup = sphere(0, 24)
-    images = photographs([setup], 64)
-    good = recover(images, setup, route="gradient", start={"f0": 0.7}, spp=32)
-    linear = recover(images, setup, spp=64)
+    setups = [sphere(i, 32) for i in range(2)]
+    images = photographs(setups, 64)
+    good = recover(images, setups, route="gradient", start={"f0": 0.7}, spp=64)
+    linear = recover(images, setups, spp=64)
+    assert good.converged
+    assert not good.message
     for name in ("f0", "f1", "f2"):
         spread = np.hypot(good.standard_errors[name], linear.standard_errors[name])
-        assert np.all(np.abs(good.values[name] - linear.values[name]) < 5.0 * spread + 0.02), name
+        assert np.all(np.abs(good.values[name] - linear.values[name]) < 4.0 * spread + 0.01), name
+    # of all angles these images say least about F(83°): .018
+    assert curve_error(good) < 3.0 * good.standard_errors["f1"].max() + 0.01
     stuck = recover(
-        images, setup, "indices", route="gradient", fresnel="exact", spp=32,
+        images[:1], setups[:1], "indices", route="gradient", fresnel="exact", spp=32,
         start={"eta": 4.0, "k": 0.3},
     )  # fmt: skip
-    assert curve_error(good) < 1.2 * curve_error(linear) + 0.02
-    assert good.converged
     assert curve_error(stuck) > 0.05
-    assert stuck.residual > 1.2 * linear.residual
+    assert not (stuck.converged and np.all([stuck.identified["eta"], stuck.identified["k"]]))
+    assert "Start elsewhere" in stuck.message or "start elsewhere" in stuck.message
 
 
 @pytest.mark.slow
@@ -369,6 +373,42 @@ def test_roughness_gradient_is_that_of_fixed_samples(variant: str) -> None:
 
 
 @LLVM_RGB
+def test_end_of_a_range_is_not_convergence(variant: str) -> None:
+    """Images brighter than any index makes them drive k to the end of what it may be."""
+    setup = sphere(0, 8)
+    images = [1.2 * image for image in photographs([setup], 16)]
+    start = {"eta": 0.2, "k": 19.0}
+    result = recover(images, setup, "indices", route="gradient", start=start, spp=8)
+    assert np.any(result.values["k"] > 19.99)
+    assert not result.converged
+    assert "end of the range" in result.message
+
+
+@pytest.mark.slow
+@LLVM_RGB
+def test_standard_errors_are_the_spread_of_results(variant: str) -> None:
+    """12 seeds of images and of ours.
+
+    Right errors have a mean square of 1 in units of themselves. The three channels have their noise
+    in common, so that 12 squares are known: a spread of sqrt(2 / 12) = .4, and 1 + 3 * .4 above.
+    The study has .55 to .8 by 20 seeds, as errors are made to be on the safe side; far below would
+    be errors that say nothing.
+    """
+    setups = [sphere(i, 24) for i in range(3)]
+    cosines = np.cos([0.0, *load_basis().nodes])[:, None]
+    truths = dict(zip(("f0", "f1", "f2"), conductor(cosines, *GOLD), strict=True))
+    scores: dict[str, list[Any]] = {name: [] for name in truths}
+    for seed in range(12):
+        images = photographs(setups, 64, seed=100 * seed)
+        found = recover(images, setups, spp=64, seed=seed)
+        for name, truth in truths.items():
+            scores[name].append((found.values[name] - truth) / found.standard_errors[name])
+    for name, rows in scores.items():
+        assert 0.15 < np.mean(np.square(rows)) < 2.2, name
+        assert np.all(np.abs(rows) < 4.5), name
+
+
+@LLVM_RGB
 @pytest.mark.parametrize(("kind", "name"), [("nodes", "f0"), ("gulbrandsen", "r")])
 def test_gradient_that_is_not_finite_names_its_parameter(
     kind: str, name: str, variant: str
@@ -385,6 +425,15 @@ def test_gradient_that_is_not_finite_names_its_parameter(
     x = np.full((len(made.names), 3), 0.5)
     with pytest.raises(NonFiniteGradientError, match=f"image 0 by '{name}' is"):
         loss_and_gradient(made, observed, x, 0.1, spp=4, seed=1)
+
+
+@LLVM_RGB
+@pytest.mark.parametrize("route", ["linear", "gradient"])
+def test_light_that_is_not_finite_is_refused(route: str, variant: str) -> None:
+    """Mitsuba's gradients are 0 there, which would look like the end of the descent."""
+    lamp = {"type": "constant", "radiance": {"type": "uniform", "value": float("inf")}}
+    with pytest.raises(InputError, match="scene 0 with radiance that is not finite"):
+        recover(np.ones((8, 8, 3)), lambda bsdf: lit_object(bsdf, lamp, 8), route=route, spp=4)
 
 
 # --- bad input -----------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ its very own gradient: quasi-Newton methods can build on that, and a run is repe
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import drjit as dr
@@ -21,7 +21,14 @@ from ..._check import InputError, input_error
 from .images import Images, half_seed
 from .observed import Observed
 
-__all__ = ["Descent", "NonFiniteGradientError", "descend", "loss_and_gradient"]
+__all__ = [
+    "RANGES",
+    "Descent",
+    "NonFiniteGradientError",
+    "at_the_end",
+    "descend",
+    "loss_and_gradient",
+]
 
 Array = NDArray[np.float64]
 
@@ -33,6 +40,9 @@ RANGES = {
     "alpha": (0.005, 1.0),
 }
 """Where values are kept; reflectances and coefficients are free."""
+
+_REAL_ENDS = {("k", 0), ("r", 0), ("g", 0), ("g", 1)}
+"""Ends of ranges where materials are: those that absorb nothing, black, and white at 82°."""
 
 _UNITS = {"eta": 1.0, "k": 1.0, "alpha": 0.1}
 """Lengths that count alike, for the first step."""
@@ -184,7 +194,8 @@ def descend(
     iterations : int
         Gradients, at most.
     record : callable, optional
-        Called with values and alpha after each gradient.
+        Called after each gradient with the best values and alpha so far, as those just tried may
+        be a step of the line search that is taken back.
     """
     if not dr.is_diff_v(mi.Float):
         raise input_error(
@@ -218,7 +229,7 @@ def descend(
         if loss < best[0]:
             best = loss, x.copy(), a
         if record is not None:
-            record(x, a)
+            record(*best[1:])
         return loss, units * np.concatenate([np.atleast_1d(gradient[name]) for name in names])
 
     begin = np.concatenate([best[1].ravel(), [alpha] if roughness else []]) / units
@@ -243,6 +254,16 @@ def descend(
         enough = True
     fall = (begun - best[0]) * observed.count
     return Descent(best[1], best[2], best[0], fall, count, not enough)
+
+
+def at_the_end(names: Sequence[str], values: Array) -> list[str]:
+    """Which of `values` (n, 3) have run to the end of a range where no material is expected."""
+    found = []
+    for name, row in zip(names, values, strict=True):
+        ends = [end for i, end in enumerate(RANGES.get(name, ())) if (name, i) not in _REAL_ENDS]
+        if any(np.any(np.abs(row - end) <= 1e-6 * end) for end in ends):
+            found.append(name)
+    return found
 
 
 class _EnoughError(Exception):

@@ -136,12 +136,18 @@ class Images:
             parameters.update()
 
     def render(self, values: ArrayLike, alpha: float, spp: int, seed: int) -> Array:
-        """(m, 3): pixels of all scenes."""
+        """(m, 3): pixels of all scenes. Raises `InputError` if one of them is not finite."""
         self.put(values, alpha)
         parts = []
         for i, scene in enumerate(self.scenes):
             image = render_scene(scene, spp, derived_seed(seed, i))
             self.samples += spp * image.shape[0] * image.shape[1]
+            if not np.isfinite(image).all():
+                raise input_error(
+                    f"scene {i} with radiance that is not finite",
+                    "light of finite strength",
+                    "Look at its emitters and textures for infinity and NaN.",
+                )
             parts.append(image.reshape(-1, 3).astype(np.float64))
         return np.concatenate(parts)
 

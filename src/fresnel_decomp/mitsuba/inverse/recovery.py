@@ -14,7 +14,7 @@ from ..._check import choose, input_error, is_real, is_whole
 from ...basis import Basis, load_basis
 from ...inverse_fit import PRIOR_DEVIATION, Solution, curve_limits, least_squares
 from .calibration import calibrate, fit_channels
-from .gradient import RANGES, Descent, descend
+from .gradient import RANGES, Descent, at_the_end, descend
 from .images import KINDS, Images, Setup, derived_seed, names_of
 from .linear import LinearFit, solve_images
 from .observed import Observed, observe
@@ -337,6 +337,7 @@ class _Run:
             low, high = RANGES.get(name, (-np.inf, np.inf))
             newton[i] = np.clip(x[i] + newton[i], low, high) - x[i]
         far = np.any(np.abs(newton) > 4.0 * errors + 0.02)
+        ended = at_the_end(names, x)
         errors = np.hypot(errors, newton)  # what the descent left undone is unknown too
         message = ""
         if not found.converged:
@@ -345,15 +346,15 @@ class _Run:
             message = (
                 "Stuck: Newton's step is far longer than the standard errors. Start elsewhere."
             )
+        elif ended:
+            message = f"Stuck: {' and '.join(ended)} ran to the end of the range. Start elsewhere."
         return self._finish(
             "gradient", dict(zip(names, x, strict=True)), dict(zip(names, errors, strict=True)),
-            alpha, alpha_error, seen, visible, done, found.converged and not far,
+            alpha, alpha_error, seen, visible, done, found.converged and not far and not ended,
             message, np.zeros(3, bool),
         )  # fmt: skip
 
     def _weigh(self, seen: Sequence[Array]) -> None:
-        if not np.isfinite(seen).all():
-            return  # the gradient will say whose fault it is
         mean = 0.5 * (seen[0] + seen[1])
         self.observed.weigh(seen[0] - seen[1], self.observed.values - mean)
 
@@ -395,6 +396,12 @@ class _Run:
         identified = {
             name: np.asarray(errors[name]) < PRIOR_DEVIATION * _width(name) for name in errors
         }
+        unknown = [name for name, known in identified.items() if not np.all(known)]
+        if unknown and not message:
+            message = (
+                f"The images say little about {', '.join(unknown)}: see standard_errors. Add views "
+                "or lights" + (", or start elsewhere." if route == "gradient" else ".")
+            )
         samples = self.images.samples + sum(other.samples for other in self.others)
         return Recovered(
             self.kind,

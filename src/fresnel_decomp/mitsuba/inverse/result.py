@@ -28,7 +28,7 @@ class Step:
     samples : int
         Camera paths traced so far.
     values : dict
-        Parameters by name, with "alpha".
+        Parameters by name, with "alpha"; of a descent the best so far.
     """
 
     seconds: float
