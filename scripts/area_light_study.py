@@ -27,14 +27,15 @@ from _area_lights import (
     compute,
     read_image,
 )
-from _figure import Figure, main, read_sidecar, study
-from _markdown import markdown
+from _figure import Figure, read_sidecar
+from _figure_commands import main, study
+from _markdown import markdown, marks
 from _page import Page
 from fresnel_decomp.area_light import CORRECTIONS
 from fresnel_decomp.report import style
 
 NAME = "area_light_study"
-MARKS = "<!-- area light study -->\n", "<!-- end of area light study -->"
+MARKS = marks("area light study")
 EXPOSURES = {"plastic": 2.5}
 Results = Mapping[str, Any]
 
@@ -248,7 +249,7 @@ FIGURE = Figure(
 def texts(results: Mapping[str, Any]) -> dict[str, str]:
     """Tables and a summary, for the terminal and the page."""
     said = "\n".join(summary(results))
-    return {"study": f"\n{tables(results)}\n\n```text\n{said}\n```"}
+    return {"study": f"{tables(results)}\n\n```text\n{said}\n```"}
 
 
 command = study(FIGURE, texts, {"study": MARKS})

@@ -42,7 +42,8 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from _markdown import insert, markdown
+from _command_line import ROOT, main, page_option, script
+from _markdown import insert, markdown, marks
 from _screen_pass import (
     FETCHES,
     METALS,
@@ -59,18 +60,13 @@ from _screen_pass import (
 )
 from fresnel_decomp import __version__, doctor
 from fresnel_decomp._check import input_error
-from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import writable_folder, write_json
 from fresnel_decomp.images import delta_e, display, nrmse
 from fresnel_decomp.machine import graphics_card, processor, source_hash
 from fresnel_decomp.report import style
 
-ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "out" / "bench_gpu"
-MARKS = {
-    kind: (f"<!-- full-screen pass, {kind} -->\n", f"<!-- end of full-screen pass, {kind} -->\n")
-    for kind in ("cuda", "llvm")
-}
+MARKS = {kind: marks(f"full-screen pass, {kind}") for kind in ("cuda", "llvm")}
 CLAIM_MS = 0.05
 CLAIM = (1280, 720)
 WARM_UP_S = 2.0
@@ -520,7 +516,7 @@ def resumed(path: Path) -> tuple[Times, list[str]]:
     return {name: [] for name in names}, []
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@script()
 @click.option("--variant", help="cuda_ad_rgb or llvm_ad_rgb.  [default: the first that works here]")
 @click.option("--rounds", default=31, show_default=True, type=click.IntRange(7))
 @click.option("--width", type=click.IntRange(16), help=f"[default: {CLAIM[0]}]")
@@ -532,11 +528,7 @@ def resumed(path: Path) -> tuple[Times, list[str]]:
     type=click.Path(path_type=Path),
     help="Folder for the results, VARIANT-SIZE-HASH.json.  [default: out/bench_gpu]",
 )
-@click.option(
-    "--page",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Also put the tables into this Markdown file.",
-)
+@page_option(*MARKS.values())
 @click.option("--figure", type=click.Path(path_type=Path), help="Also draw this picture.")
 def bench(
     variant: str | None,
@@ -630,13 +622,5 @@ def bench(
         click.echo(f"Wrote {figure}", err=True)
 
 
-def main() -> None:
-    """Run and exit: 0 done, 1 failed, 2 bad input, 130 interrupted."""
-    doctor.prepare()  # before anything imports Dr.Jit
-    run_and_exit(
-        bench, None, "bench_gpu.py", "Interrupted. The same command goes on from finished rounds."
-    )
-
-
 if __name__ == "__main__":
-    main()
+    main(bench, interrupted="Interrupted. The same command goes on from finished rounds.")

@@ -25,12 +25,12 @@ import click
 from rich.console import Console
 from rich.progress import Progress
 
-from _markdown import insert, markdown
-from fresnel_decomp._command import run_and_exit
+from _command_line import json_option, main, page_option, script
+from _markdown import insert, markdown, marks
 from fresnel_decomp._files import write_json
 from fresnel_decomp.machine import processor
 
-MARKS = ("<!-- import times -->\n", "<!-- end of import times -->\n")
+MARKS = marks("import times")
 LIMIT_S = 0.3
 HEAVY = ("mitsuba", "drjit", "colour", "matplotlib", "scipy", "numpy")
 PREPARED = "from fresnel_decomp import doctor; doctor.prepare()"
@@ -121,14 +121,10 @@ def report(results: dict[str, Any]) -> str:
     )
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@script()
 @click.option("--rounds", default=15, show_default=True, type=click.IntRange(5))
-@click.option("--out", type=click.Path(path_type=Path), help="Also write this JSON file.")
-@click.option(
-    "--page",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Also put the table into this Markdown file.",
-)
+@json_option
+@page_option(MARKS)
 def bench(rounds: int, out: Path | None, page: Path | None) -> None:
     """Import times of the package and its parts."""
     runs: dict[str, list[dict[str, Any]]] = {statement: [] for statement in STATEMENTS}
@@ -156,10 +152,5 @@ def bench(rounds: int, out: Path | None, page: Path | None) -> None:
         click.echo(f"Wrote {page}", err=True)
 
 
-def main() -> None:
-    """Run and exit: 0 done, 1 failed, 2 bad input, 130 interrupted."""
-    run_and_exit(bench, None, "bench_import.py", "Interrupted; nothing was written.")
-
-
 if __name__ == "__main__":
-    main()
+    main(bench)

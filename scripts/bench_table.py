@@ -34,7 +34,8 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from _markdown import insert, markdown
+from _command_line import json_option, main, page_option, script
+from _markdown import insert, markdown, marks
 from fresnel_decomp import (
     AlbedoTable,
     __version__,
@@ -44,7 +45,6 @@ from fresnel_decomp import (
     doctor,
     load_basis,
 )
-from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import write_json
 from fresnel_decomp.albedo import QUADRATURE
 from fresnel_decomp.albedo_estimates import quasi_monte_carlo_albedo
@@ -54,8 +54,8 @@ from fresnel_decomp.microfacet import DISTRIBUTIONS, SMITH
 from fresnel_decomp.table import BAKE_QUADRATURE, CHECK_QUADRATURE
 from fresnel_decomp.table_layout import Layout
 
-MARKS = ("<!-- bench table -->\n", "<!-- end of bench table -->\n")
-KINK_MARKS = ("<!-- kinks -->\n", "<!-- end of kinks -->\n")
+MARKS = marks("bench table")
+KINK_MARKS = marks("kinks")
 CURVES = {
     "white": lambda c: 1.0 + 0.0 * c,
     "gold, green": lambda c: conductor(c, 0.42, 2.4),
@@ -309,14 +309,10 @@ def kink_report(results: dict[str, Any]) -> str:
     )
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@script()
 @click.option("--rounds", default=9, show_default=True, type=click.IntRange(7))
-@click.option("--out", type=click.Path(path_type=Path), help="Also write this JSON file.")
-@click.option(
-    "--page",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Also put the tables into this Markdown file.",
-)
+@json_option
+@page_option(KINK_MARKS, MARKS)
 def bench(rounds: int, out: Path | None, page: Path | None) -> None:
     """Cost of baking and looking up the preintegrated table."""
     console = Console(stderr=True)
@@ -359,11 +355,5 @@ def bench(rounds: int, out: Path | None, page: Path | None) -> None:
         click.echo(f"Wrote {page}", err=True)
 
 
-def main() -> None:
-    """Run and exit: 0 done, 1 failed, 2 bad input, 130 interrupted."""
-    doctor.prepare()  # before anything imports Dr.Jit
-    run_and_exit(bench, None, "bench_table.py", "Interrupted; nothing was written.")
-
-
 if __name__ == "__main__":
-    main()
+    main(bench)

@@ -8,34 +8,26 @@ Interrupt it when you like: finished walks and images are kept, and the same com
 
 from __future__ import annotations
 
-import contextlib
-import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from _figure import (
-    Figure,
-    Job,
-    main,
-    read_sidecar,
-    read_table,
-    study,
-    write_table,
-)
-from _markdown import markdown
+import _kept
+from _figure import Figure, Job, read_sidecar, read_table
+from _figure_commands import main, study
+from _markdown import markdown, marks
 from _page import Page
 from fresnel_decomp import conductor, directional_albedo, load_basis, load_material
 from fresnel_decomp.energy import EnergyTable, fdez_aguera, kulla_conty, missing, turquin
-from fresnel_decomp.images import nrmse, read_exr, read_exr_attributes, write_exr
+from fresnel_decomp.images import nrmse, read_exr
 from fresnel_decomp.microfacet import DISTRIBUTIONS, SMITH
 from fresnel_decomp.random_walk import random_walk_albedo
 from fresnel_decomp.report import style
 
 NAME = "energy_study"
-MARKS = ("<!-- energy study -->\n", "<!-- end of energy study -->\n")
+MARKS = marks("energy study")
 METALS = {"Be": "Beryllium", "Au": "Gold", "Al": "Aluminium"}
 ALPHAS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 1.0)
 MU = (0.01, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
@@ -68,8 +60,8 @@ def indices() -> tuple[np.ndarray, np.ndarray]:
 
 def walk(job: Job, alpha: float, paths: int) -> dict[str, np.ndarray]:
     """Albedos of one roughness: columns mu, a and e (its standard error) by channel; kept."""
-    path = job.folder / f"walk_alpha{alpha:g}_{paths}.csv"
-    if not path.is_file():
+
+    def make() -> dict[str, np.ndarray]:
         eta, k = indices()
 
         def f(cos_theta: Any) -> np.ndarray:
@@ -80,8 +72,14 @@ def walk(job: Job, alpha: float, paths: int) -> dict[str, np.ndarray]:
         for i in range(len(eta)):
             columns[f"a{i}"] = np.array([row.albedo[i] for row in rows])
             columns[f"e{i}"] = np.array([row.standard_error[i] for row in rows])
-        write_table(path, columns)
-    return read_table(path)
+        return columns
+
+    return _kept.table(job, walk_stem(alpha, paths), make)
+
+
+def walk_stem(alpha: float, paths: int) -> str:
+    """Of the file of a roughness."""
+    return f"walk_alpha{alpha:g}_{paths}"
 
 
 def closed_forms(energy: EnergyTable, alpha: float) -> dict[str, np.ndarray]:
@@ -120,17 +118,6 @@ def furnace(distribution: Any, smith: Any) -> dict[str, float]:
     return worst
 
 
-def kept(job: Job, stem: str, make: Callable[[], np.ndarray]) -> np.ndarray:
-    path = job.folder / f"{stem}.exr"
-    settings = {k: v for k, v in job.settings.items() if k != "parameters"}
-    text = json.dumps(settings | {"smith": SHADING}, sort_keys=True)
-    with contextlib.suppress(ValueError):  # not an EXR file: make it anew
-        if path.is_file() and read_exr_attributes(path).get("energyStudy") == text:
-            return read_exr(path)
-    write_exr(path, make(), {"energyStudy": text})
-    return read_exr(path)
-
-
 def pictures(job: Job) -> dict[str, Any]:
     """Gold spheres by all kinds, and how far they are apart."""
     import mitsuba as mi
@@ -154,7 +141,7 @@ def pictures(job: Job) -> dict[str, Any]:
         light = prefilter(sky)
         bare = conductor_bsdf(eta, k, fresnel="decomposition")
         plain = mi.load_dict(lit_object(bare, sky.emitter(), size, background=False))
-        kept(job, "coverage", lambda: visible_surface(plain, 64, seed).coverage())
+        _kept.image(job, "coverage", lambda: visible_surface(plain, 64, seed).coverage())
         for i, alpha in enumerate(SPHERES):
             images = {}
 
@@ -184,7 +171,8 @@ def pictures(job: Job) -> dict[str, Any]:
                     def make(kind: str = kind) -> np.ndarray:
                         return render_scene(scene(kind), spp, seed)
 
-                images[kind] = kept(job, f"au_alpha{alpha:g}_{kind}", make)
+                stem = f"au_alpha{alpha:g}_{kind}"
+                images[kind] = _kept.image(job, stem, make, smith=SHADING)
             inside = images["none"].sum(axis=-1) > 0.0
             inside[1:-1] &= inside[2:] & inside[:-2]
             inside[:, 1:-1] &= inside[:, 2:] & inside[:, :-2]
@@ -382,7 +370,7 @@ def draw_curves(folder: Path, paths: int, path: Path) -> None:
     with style.styled():
         page = Page(7.6, 4.6)
         for i, alpha in enumerate((0.1, 0.6)):
-            found, forms = read_table(folder / f"walk_alpha{alpha:g}_{paths}.csv"), {}
+            found = read_table(folder / f"{walk_stem(alpha, paths)}.csv")
             forms = closed_forms(energy, alpha)
             for j, (label, channel) in enumerate(channels.items()):
                 axes = page.axes(0.62 + 2.36 * j, 0.3 + 2.0 * i, 2.0, 1.5)

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from _figure import Figure, Job, commands, main, read_sidecar, read_table, write_table
+from _figure import Figure, Job, read_sidecar, read_table, write_table
+from _figure_commands import commands, main
 from _page import GREY, Page
 from fresnel_decomp import RECIPES, load_basis
 from fresnel_decomp.extraction import extract

@@ -9,8 +9,6 @@ runs are kept, and the same command goes on from them.
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -18,19 +16,20 @@ from typing import Any
 
 import numpy as np
 
-from _figure import Figure, Job, main, read_sidecar, study
-from _markdown import markdown
+import _kept
+from _figure import Figure, Job, read_sidecar
+from _figure_commands import main, study
+from _markdown import markdown, marks
 from _page import GREY, Page
 from fresnel_decomp import conductor, load_material
-from fresnel_decomp._files import write_json
 from fresnel_decomp.images import read_exr, write_exr
 from fresnel_decomp.report import style
 
 NAME = "inverse_study"
-MARKS = ("<!-- inverse study -->\n", "<!-- end of inverse study -->\n")
-METAL_MARKS = ("<!-- inverse metals -->\n", "<!-- end of inverse metals -->\n")
-CALIBRATION_MARKS = ("<!-- inverse errors -->\n", "<!-- end of inverse errors -->\n")
-TEXTURE_MARKS = ("<!-- inverse texture -->\n", "<!-- end of inverse texture -->\n")
+MARKS = marks("inverse study")
+METAL_MARKS = marks("inverse metals")
+CALIBRATION_MARKS = marks("inverse errors")
+TEXTURE_MARKS = marks("inverse texture")
 
 WAVELENGTHS = (630.0, 532.0, 465.0)  # one index of refraction for each channel
 ALPHA = 0.1
@@ -167,29 +166,19 @@ def compute(job: Job) -> dict[str, Any]:
         results: dict[str, Any] = {"routes": {}, "metals": {}}
         for n, metal in enumerate(metals):
             job.report(f"metal {metal}", n / total)
-            results["metals"][metal] = _kept(
+            results["metals"][metal] = _kept.numbers(
                 job, f"metal-{metal}", lambda metal=metal: _metal(setups, metal, spp, quick)
             )
         job.report("two metals", len(metals) / total)
-        results["texture"] = _kept(job, "texture", lambda: _texture(job, size, spp, quick))
+        results["texture"] = _kept.numbers(job, "texture", lambda: _texture(job, size, spp, quick))
         job.report("standard errors", (len(metals) + 1) / total)
-        results["calibration"] = _kept(job, "calibration", lambda: _calibration(quick))
+        results["calibration"] = _kept.numbers(job, "calibration", lambda: _calibration(quick))
         for n, case in enumerate(cases):
             job.report(f"{case.label}, {case.start}"[:26], (len(metals) + 2 + n) / total)
-            results["routes"][case.stem] = _kept(
+            results["routes"][case.stem] = _kept.numbers(
                 job, case.stem, lambda case=case: _route(setups, case, spp, quick)
             )
     return results
-
-
-def _kept(job: Job, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """What an earlier, interrupted run with the same settings computed, else `make()`."""
-    digest = hashlib.sha256(json.dumps(job.settings, sort_keys=True).encode()).hexdigest()[:8]
-    path = job.folder / f"{name}-{digest}.part"
-    if not path.is_file():
-        found = make()
-        write_json(path, json.loads(json.dumps(found), parse_constant=lambda _: None))
-    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def _route(setups: Sequence[Any], case: Case, spp: int, quick: bool) -> dict[str, Any]:

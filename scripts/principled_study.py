@@ -16,14 +16,9 @@ from typing import Any
 import numpy as np
 
 import metal_edge
-from _figure import (
-    Figure,
-    Job,
-    main,
-    read_sidecar,
-    study,
-)
-from _markdown import markdown
+from _figure import Figure, Job, read_sidecar
+from _figure_commands import main, study
+from _markdown import markdown, marks
 from _page import GREY, Page
 from fresnel_decomp import (
     F82,
@@ -45,7 +40,7 @@ from fresnel_decomp.report import style
 
 NAME = "principled_study"
 MARKS = {
-    name: (f"<!-- {name} -->\n", f"<!-- end of {name} -->\n")
+    name: marks(name)
     for name in (
         "curves", "mixing", "furnace", "indices", "cost", "pictures", "metals", "colours", "ranges"
     )

@@ -21,7 +21,7 @@ import platform
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import click
 import numpy as np
@@ -30,6 +30,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 # not Dr.Jit or Mitsuba: `main` has to choose an LLVM first
+from _command_line import check_suffixes, main, page_option, script
 from _hard_cases import (
     GRADIENTS,
     REGIONS,
@@ -39,14 +40,13 @@ from _hard_cases import (
     join,
     read,
 )
-from _markdown import insert, markdown
+from _markdown import insert, markdown, marks
 from _peer_formulas import FORMULAS, Formula
 from fresnel_decomp import __version__, doctor
-from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import write_json, write_text
 from fresnel_decomp.report import style
 
-MARKS = ("<!-- tables -->\n", "<!-- end of tables -->\n")
+MARKS = marks("tables")
 
 Array = NDArray[np.float64]
 
@@ -454,7 +454,7 @@ def _without_infinity(value: Any) -> Any:
     return None if value == float("inf") else value
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@script()
 @click.option(
     "--region", "regions", multiple=True, type=click.Choice(list(REGIONS)), help="Only this one."
 )
@@ -469,11 +469,7 @@ def _without_infinity(value: Any) -> Any:
     "--out", multiple=True, type=click.Path(path_type=Path), help="Also write .json and .csv."
 )
 @click.option("--picture", type=click.Path(path_type=Path), help="Also draw the heat maps.")
-@click.option(
-    "--page",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Also put the short tables into this Markdown file.",
-)
+@page_option(MARKS, text="Also put the short tables into this Markdown file.")
 def stability(
     regions: tuple[str, ...],
     points: int,
@@ -484,9 +480,7 @@ def stability(
     page: Path | None,
 ) -> None:
     """Errors of Fresnel formulas, ours and others', where they are hard to evaluate."""
-    for path in out:
-        if path.suffix not in (".json", ".csv"):
-            raise click.BadParameter(f"'{path}' does not end in .json or .csv", param_hint="--out")
+    check_suffixes(out)
     if hard_cases is not None and not hard_cases.is_file():
         raise click.BadParameter(f"there is no file '{hard_cases}'", param_hint="--hard-cases")
     console = Console(stderr=True)
@@ -555,11 +549,5 @@ def report(results: Sequence[Result]) -> str:
     )
 
 
-def main(arguments: Sequence[str] | None = None) -> NoReturn:
-    """Run and exit: 0 done, 1 failed, 2 bad input, 130 interrupted."""
-    doctor.prepare()  # before anything imports Dr.Jit
-    run_and_exit(stability, arguments, "stability.py", "Interrupted; nothing was written.")
-
-
 if __name__ == "__main__":
-    main()
+    main(stability)

@@ -3,41 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import json
 import re
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from fresnel_decomp import doctor
+from conftest import SCRIPTS
 
-SCRIPTS = Path(__file__).parent.parent / "scripts"
 PAGE = SCRIPTS.parent / "docs" / "speed_gpu.md"
 
 
 @pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch) -> Any:
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    return importlib.import_module("bench_gpu")
-
-
-@pytest.fixture
-def llvm() -> Iterator[None]:
-    status = doctor.usable_variants()["llvm_ad_rgb"]
-    if not status.usable:
-        pytest.skip(f"{status.reason}. {status.remedy}")
-    import mitsuba as mi
-
-    before = mi.variant()
-    mi.set_variant("llvm_ad_rgb")
-    yield
-    if before:
-        mi.set_variant(before)
+def bench(scripts: Any) -> Any:
+    return scripts.bench_gpu
 
 
 def made_up(bench: Any, variant: str, device: str = "a device") -> dict[str, Any]:

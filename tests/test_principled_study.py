@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-import importlib
 import json
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from conftest import SCRIPTS
 from fresnel_decomp import doctor
-from test_figures import MODULES, SCRIPTS
 
 PAGE = SCRIPTS.parent / "docs" / "principled.md"
 
 
 @pytest.fixture
-def study(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    yield importlib.import_module("principled_study")
-    for name in MODULES:
-        sys.modules.pop(name, None)
+def study(scripts: Any) -> Any:
+    return scripts.principled_study
 
 
 def test_mixing_is_linear_for_schlick_only(study: Any) -> None:
@@ -56,15 +50,14 @@ def test_page_has_the_tables(study: Any) -> None:
 
 
 @pytest.mark.slow
-def test_quick_study(study: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_quick_study(
+    study: Any, run_script: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     if doctor.best_variant().startswith("scalar"):
         pytest.skip("minutes in scalar variants")
-    main = sys.modules["_figure"].main
 
     def run() -> None:
-        with pytest.raises(SystemExit) as end:
-            main(study.command, ["--quick", "--out", str(tmp_path)])
-        assert end.value.code == 0
+        assert run_script(study.command, "--quick", "--out", tmp_path) == 0
 
     run()
     written = {path.name for path in tmp_path.iterdir() if path.is_file()}
