@@ -392,7 +392,7 @@ def draw_curves(folder: Path, paths: int, path: Path) -> None:
 FIGURE = Figure(
     name=NAME,
     title="Energy compensation against a random walk, and in pictures",
-    minutes=4.0,
+    minutes=2.0,
     compute=compute,
     draw=draw,
     pictures=("energy_spheres.png", "energy_albedo.png"),

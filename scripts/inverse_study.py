@@ -481,7 +481,7 @@ def draw_texture(folder: Path, path: Path) -> None:
 FIGURE = Figure(
     name=NAME,
     title="Inverse rendering: error against time and samples, and a sphere of two metals",
-    minutes=20.0,
+    minutes=10.0,
     compute=compute,
     draw=draw,
     pictures=("inverse_routes.png", "inverse_two_metals.png"),
