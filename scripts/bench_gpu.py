@@ -30,7 +30,6 @@ import inspect
 import json
 import os
 import platform
-import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -61,6 +60,7 @@ from _screen_pass import (
 from fresnel_decomp import __version__, doctor
 from fresnel_decomp._check import input_error
 from fresnel_decomp._files import writable_folder, write_json
+from fresnel_decomp._spread import median_and_spread
 from fresnel_decomp.images import delta_e, display, nrmse
 from fresnel_decomp.machine import graphics_card, processor, source_hash
 from fresnel_decomp.report import style
@@ -207,41 +207,30 @@ def measure(
     RuntimeError
         If a pass is not one kernel.
     """
-    import drjit as dr
-
     names = (*PASSES, *PARTS)
     done = len(times[names[0]])
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        start = time.monotonic()
-        while done < rounds and time.monotonic() - start < warm_up_s:
-            for name in names:
-                _milliseconds(shaders, name, repeat)
-        for number in range(-2 if done < rounds else rounds, rounds - done):
-            order = names[:: -1 if number % 2 else 1]
-            found = {name: _milliseconds(shaders, name, repeat) for name in order}
-            if number >= 0:
-                for name, milliseconds in found.items():
-                    times[name].append(milliseconds)
-                finished()
+    start = time.monotonic()
+    while done < rounds and time.monotonic() - start < warm_up_s:
+        for name in names:
+            _milliseconds(shaders, name, repeat)
+    for number in range(-2 if done < rounds else rounds, rounds - done):
+        order = names[:: -1 if number % 2 else 1]
+        found = {name: _milliseconds(shaders, name, repeat) for name in order}
+        if number >= 0:
+            for name, milliseconds in found.items():
+                times[name].append(milliseconds)
+            finished()
 
 
 def _milliseconds(shaders: Callable[[str], Any], name: str, repeat: int) -> float:
     import drjit as dr
 
-    dr.kernel_history_clear()
-    for _ in range(repeat):
-        dr.eval(shaders(name))
-    dr.sync_thread()
-    kernels = dr.kernel_history([dr.KernelType.JIT])
+    from fresnel_decomp.mitsuba.timing import kernel_milliseconds
+
+    kernels = kernel_milliseconds(lambda: dr.eval(shaders(name)), repeat)
     if len(kernels) != repeat:
         raise RuntimeError(f"{name}: {len(kernels)} kernels for {repeat} passes")
-    return float(sum(kernel["execution_time"] for kernel in kernels)) / repeat
-
-
-def spread(values: Sequence[float]) -> tuple[float, float]:
-    """Median, and half the distance between the quartiles."""
-    low, middle, high = statistics.quantiles(values, n=4, method="inclusive")
-    return middle, 0.5 * (high - low)
+    return sum(kernels) / repeat
 
 
 def differences(first: Sequence[float], second: Sequence[float]) -> list[float]:
@@ -263,10 +252,10 @@ def report(results: Mapping[str, Any]) -> str:
         base = times[base_of(name)]
         row = [name, FETCHES[name]]
         if gpu:
-            row.append(_number(*spread(times[name]), digits=4))
-            more = spread(differences(times[name], base))
+            row.append(_number(*median_and_spread(times[name]), digits=4))
+            more = median_and_spread(differences(times[name], base))
             row.append("" if name == base_of(name) else _number(*more, digits=4))
-        ratio = spread([a / b for a, b in zip(times[name], base, strict=True)])
+        ratio = median_and_spread([a / b for a, b in zip(times[name], base, strict=True)])
         row.append("1" if name == base_of(name) else _number(*ratio, digits=3))
         error = results["errors"][name]
         row.append(
@@ -312,7 +301,7 @@ def shares(times: Mapping[str, Sequence[float]]) -> str:
         cells = []
         for step in steps:
             share = [100.0 * a / b for a, b in zip(step, times[name], strict=True)]
-            cells.append(_number(*spread(share), digits=0))
+            cells.append(_number(*median_and_spread(share), digits=0))
         rows.append([name, *cells])
     head = ("% of the pass", "G-buffer, output", "light", "table", "coefficients and sum")
     return markdown(head, rows)
@@ -336,7 +325,8 @@ def comparisons(times: Mapping[str, Sequence[float]]) -> str:
     rows = []
     for name, (step, kind) in steps.items():
         share = [100.0 * a / b for a, b in zip(step, times[kind[0]], strict=True)]
-        more, half = (round(value, 1) for value in spread(share))  # the verdict on what is printed
+        # the verdict on what is printed
+        more, half = (round(value, 1) for value in median_and_spread(share))
         rows.append([name, _number(more, half, digits=1), direction(more, half)])
     return markdown(("change", "% of Schlick's pass", "verdict"), rows)
 
@@ -350,7 +340,7 @@ def direction(more: float, half: float) -> str:
 
 def verdict(more: Sequence[float]) -> str:
     """Whether milliseconds more are at most the talk's: within, above, or undecided."""
-    middle, half = spread(more)
+    middle, half = median_and_spread(more)
     if middle + half <= CLAIM_MS:
         return "within"
     return "above" if middle - half > CLAIM_MS else "undecided"
@@ -367,7 +357,7 @@ def verdicts(results: Mapping[str, Any]) -> str:
         if name == base_of(name):
             continue
         more = differences(times[name], times[base_of(name)])
-        middle, half = spread(more)
+        middle, half = median_and_spread(more)
         lines.append(
             f"- {name}: {middle:+.4f} ± {half:.4f} ms against {CLAIM_MS} ms: {verdict(more)}"
         )

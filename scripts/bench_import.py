@@ -15,7 +15,6 @@ import json
 import os
 import platform
 import re
-import statistics
 import subprocess
 import sys
 from pathlib import Path
@@ -28,6 +27,7 @@ from rich.progress import Progress
 from _command_line import json_option, main, page_option, script
 from _markdown import insert, markdown, marks
 from fresnel_decomp._files import write_json
+from fresnel_decomp._spread import median_and_spread
 from fresnel_decomp.machine import processor
 
 MARKS = marks("import times")
@@ -95,23 +95,19 @@ def slowest(count: int = 5) -> list[dict[str, Any]]:
     return sorted(rows[first : last + 1], key=lambda row: -row["own_us"])[:count]
 
 
-def spread(values: list[float]) -> tuple[float, float]:
-    """Median, and half the distance between the quartiles."""
-    low, middle, high = statistics.quantiles(values, n=4, method="inclusive")
-    return middle, 0.5 * (high - low)
-
-
 def report(results: dict[str, Any]) -> str:
     """Markdown."""
     rows = []
     for statement, runs in results["statements"].items():
         cells = []
         for clock in ("wall", "cpu"):
-            middle, half = spread([1e3 * run[clock] for run in runs])
+            middle, half = median_and_spread([1e3 * run[clock] for run in runs])
             cells.append(f"{middle:.0f} ± {half:.0f}")
         rows.append([f"`{statement}`", *cells, ", ".join(runs[0]["heavy"]) or "none"])
     table = markdown(("fresh interpreter", "ms by the clock", "ms of the processor", "heavy"), rows)
-    wall, _ = spread([run["wall"] for run in results["statements"]["import fresnel_decomp"]])
+    wall, _ = median_and_spread(
+        [run["wall"] for run in results["statements"]["import fresnel_decomp"]]
+    )
     verdict = "met" if wall <= LIMIT_S else "missed"
     listed = ", ".join(f"`{r['module']}` {r['own_us'] / 1e3:.1f}" for r in results["slowest"])
     return (

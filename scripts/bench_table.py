@@ -46,6 +46,7 @@ from fresnel_decomp import (
     load_basis,
 )
 from fresnel_decomp._files import write_json
+from fresnel_decomp._spread import median_and_spread
 from fresnel_decomp.albedo import QUADRATURE
 from fresnel_decomp.albedo_estimates import quasi_monte_carlo_albedo
 from fresnel_decomp.albedo_refined import refined_albedo
@@ -71,12 +72,6 @@ TARGETS = {"NumPy": 300.0, "Dr.Jit": 25.0}  # milliseconds of a whole bake by th
 LARGEST_ERROR = 5e-5
 
 
-def spread(times: list[float]) -> tuple[float, float]:
-    """Median, and half the distance between the quartiles."""
-    low, middle, high = statistics.quantiles(times, n=4, method="inclusive")
-    return middle, 0.5 * (high - low)
-
-
 def timed(call: Callable[[], Any]) -> tuple[float, float]:
     """Milliseconds of a call, by the clock and of all processors."""
     wall, processors = time.perf_counter(), time.process_time()
@@ -86,7 +81,9 @@ def timed(call: Callable[[], Any]) -> tuple[float, float]:
 
 def both(times: list[tuple[float, float]], scale: float = 1.0) -> dict[str, float]:
     """Medians and spreads of what `timed` returned."""
-    wall, processors = (spread([scale * t for t in column]) for column in zip(*times, strict=True))
+    wall, processors = (
+        median_and_spread([scale * t for t in column]) for column in zip(*times, strict=True)
+    )
     return dict(
         zip(("wall", "wall_spread", "cpu", "cpu_spread"), (*wall, *processors), strict=True)
     )
@@ -94,14 +91,11 @@ def both(times: list[tuple[float, float]], scale: float = 1.0) -> dict[str, floa
 
 def kernels(dr: Any, call: Callable[[], Any]) -> tuple[float, float]:
     """Milliseconds that the kernels of a call take, and of all processors for all of it."""
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        dr.kernel_history_clear()
-        processors = time.process_time()
-        dr.eval(call())
-        dr.sync_thread()
-        processors = 1e3 * (time.process_time() - processors)
-        history = dr.kernel_history([dr.KernelType.JIT])
-        return sum(kernel["execution_time"] for kernel in history), processors
+    from fresnel_decomp.mitsuba.timing import kernel_milliseconds
+
+    processors = time.process_time()
+    milliseconds = sum(kernel_milliseconds(lambda: dr.eval(call())))
+    return milliseconds, 1e3 * (time.process_time() - processors)
 
 
 def errors(progress: Callable[[int], None]) -> dict[str, float]:

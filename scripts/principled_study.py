@@ -9,7 +9,6 @@ Interrupt it when you like: finished images are kept, and the same command goes 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -292,32 +291,25 @@ def alone_times(
     import mitsuba as mi
 
     from fresnel_decomp.mitsuba.timing import interleaved_times
+    from fresnel_decomp.mitsuba.workloads import bsdf_evaluation, directions
 
     if str(mi.variant()).startswith("scalar"):
         return {}
-    sampler = mi.PCG32(size=points)
-
-    def pair() -> Any:
-        return mi.Point2f(sampler.next_float32(), sampler.next_float32())
-
-    si = dr.zeros(mi.SurfaceInteraction3f, points)
-    si.wi, wo = (mi.warp.square_to_cosine_hemisphere(pair()) for _ in range(2))
-    lobe, place = sampler.next_float32(), pair()
-    dr.eval(si, wo, lobe, place)
+    si, wo = directions(points)
+    sampler = mi.PCG32(size=points, initseq=1)
+    lobe = sampler.next_float32()
+    place = mi.Point2f(sampler.next_float32(), sampler.next_float32())
+    dr.eval(lobe, place)
     ctx = mi.BSDFContext()
+
+    def sampling(plugin: Any) -> Callable[[], None]:
+        return lambda: dr.eval(plugin.sample(ctx, si, lobe, place, True))
+
     plugins = {name: mi.load_dict(bsdf) for name, bsdf in bsdfs.items()}
-
-    def run(call: Callable[[Any], Any], plugin: Any) -> None:
-        dr.eval(call(plugin))
-
-    methods: dict[str, Callable[[Any], Any]] = {
-        "eval": lambda plugin: plugin.eval(ctx, si, wo, True),
-        "sample": lambda plugin: plugin.sample(ctx, si, lobe, place, True),
-    }
     return interleaved_times(
         {
-            method: {name: partial(run, call, plugin) for name, plugin in plugins.items()}
-            for method, call in methods.items()
+            "eval": {name: bsdf_evaluation(plugin, si, wo) for name, plugin in plugins.items()},
+            "sample": {name: sampling(plugin) for name, plugin in plugins.items()},
         },
         runs,
     )
