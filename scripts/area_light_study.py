@@ -212,15 +212,12 @@ def draw_object(results: Results, folder: Path, name: str, path: Path) -> None:
                         x = start + column * (side + gap) + side / 2
                         page.write(x, top - 0.1, title, size=8)
         y = top + len(rows) * (side + below) + 0.08
-        bar = page.figure.colorbar(
-            shown_map, cax=page.axes(left + block, y, 3 * (side + gap) - gap, 0.08),
-            orientation="horizontal", extend="both", extendfrac=0.03,
+        page.colour_bar(
+            left + block, y, 3 * (side + gap) - gap, shown_map,
+            "LTC − Mitsuba, linear, as exposed (white is 1)", height=0.08, size=7.5,
+            extend="both", extendfrac=0.03,
             format=lambda value, _: f"{value:g}".replace("-", "−"),
         )  # fmt: skip
-        bar.set_label("LTC − Mitsuba, linear, as exposed (white is 1)", size=7.5, labelpad=2)
-        bar.ax.tick_params(labelsize=7)
-        bar.ax.grid(False)
-        bar.outline.set_linewidth(0.5)
         page.save(path, dpi=112)
 
 

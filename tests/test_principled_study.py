@@ -19,23 +19,28 @@ def study(scripts: Any) -> Any:
     return scripts.principled_study
 
 
-def test_mixing_is_linear_for_schlick_only(study: Any) -> None:
-    rows = study.mixing_errors()
+@pytest.fixture
+def compared(scripts: Any) -> Any:
+    return scripts._principled
+
+
+def test_mixing_is_linear_for_schlick_only(compared: Any) -> None:
+    rows = compared.mixing_errors()
     assert all(value < 1e-12 for value in rows["copper, Schlick"].values())
     for way in ("index, k = 0", "usual edge"):
         assert rows[f"copper, {way}"]["0.5"] > 0.05
 
 
 @pytest.mark.slow
-def test_page_has_the_tables(study: Any) -> None:
+def test_page_has_the_tables(study: Any, compared: Any) -> None:
     """All but the times and the pictures, which depend on the machine and on chance."""
     page = PAGE.read_text(encoding="utf-8")
     results = {
-        "curves": study.curve_errors(),
-        "recipes": study.recipe_errors(),
-        "mixing": study.mixing_errors(),
-        "furnace": study.furnace(),
-        "indices": study.furnace_of_indices(),
+        "curves": compared.curve_errors(),
+        "recipes": compared.recipe_errors(),
+        "mixing": compared.mixing_errors(),
+        "furnace": compared.furnace(),
+        "indices": compared.furnace_of_indices(),
         "cost": {"": {"": [0.0, 0.0]}},
         "renders": {
             name: {kind: {"delta_e": 0.0} for kind in ("schlick", "usual", "edge", "nodes")}
