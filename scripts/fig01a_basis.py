@@ -111,5 +111,7 @@ FIGURE = Figure(
     parameters={"recipes": SHOWN, "terms": TERMS},
 )
 
+command = commands(FIGURE)
+
 if __name__ == "__main__":
-    main(commands(FIGURE))
+    main(command)

@@ -119,5 +119,7 @@ FIGURE = Figure(
     size=400,
 )
 
+command = commands(FIGURE)
+
 if __name__ == "__main__":
-    main(commands(FIGURE))
+    main(command)

@@ -105,5 +105,7 @@ FIGURE = Figure(
     size=400,
 )
 
+command = commands(FIGURE)
+
 if __name__ == "__main__":
-    main(commands(FIGURE))
+    main(command)

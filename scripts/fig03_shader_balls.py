@@ -91,5 +91,7 @@ FIGURE = Figure(
     size=256,
 )
 
+command = commands(FIGURE)
+
 if __name__ == "__main__":
-    main(commands(FIGURE))
+    main(command)

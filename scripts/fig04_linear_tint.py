@@ -171,5 +171,7 @@ FIGURE = Figure(
     size=240,
 )
 
+command = commands(FIGURE)
+
 if __name__ == "__main__":
-    main(commands(FIGURE))
+    main(command)

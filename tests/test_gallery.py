@@ -7,7 +7,6 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-import click
 import pytest
 
 from fresnel_decomp import InputError
@@ -35,8 +34,8 @@ def test_every_picture_is_there_once(gallery: Any) -> None:
     assert pictures <= set(shown)
 
 
-def test_commands_exist(gallery: Any, scripts: Any) -> None:
-    """Scripts are there and know the options; the command's parameters, too."""
+def test_commands_exist(gallery: Any) -> None:
+    """Scripts are there, and the command has these parameters; test_scripts has the options."""
     from fresnel_decomp.cli import cli
 
     for entry in gallery.entries():
@@ -48,11 +47,7 @@ def test_commands_exist(gallery: Any, scripts: Any) -> None:
                 assert set(options) <= known
                 continue
             assert words[0] == "python"
-            script = getattr(scripts, Path(words[1]).stem)
-            own = [value for value in vars(script).values() if isinstance(value, click.Command)]
-            known = {o for command in own for p in command.params for o in p.opts}
-            assert set(options) <= known, entry.command
-            source = Path(script.__file__).read_text(encoding="utf-8")
+            source = (ROOT / words[1]).read_text(encoding="utf-8")
             if words[1].endswith("reproduce.py"):
                 assert words[-1] in gallery.FIGURES
             elif not options:
