@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import sys
@@ -35,9 +36,9 @@ def variant(request: pytest.FixtureRequest) -> Iterator[str]:
         mi.set_variant(before)
 
 
-@pytest.fixture
-def llvm() -> Iterator[None]:
-    """An active llvm_ad_rgb; the variant as before afterwards."""
+@contextlib.contextmanager
+def using_llvm() -> Iterator[None]:
+    """An active llvm_ad_rgb, or a skipped test; the variant as before afterwards."""
     status = doctor.usable_variants()["llvm_ad_rgb"]
     if not status.usable:
         pytest.skip(f"llvm_ad_rgb: {status.reason}. {status.remedy}")
@@ -48,6 +49,12 @@ def llvm() -> Iterator[None]:
     yield
     if before:
         mi.set_variant(before)
+
+
+@pytest.fixture
+def llvm() -> Iterator[None]:
+    with using_llvm():
+        yield
 
 
 class _Scripts:

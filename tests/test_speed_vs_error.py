@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from fresnel_decomp import InputError, doctor
+from conftest import using_llvm
+from fresnel_decomp import InputError
 from fresnel_decomp.bench import run as bench_module
 from fresnel_decomp.bench import tables
 from fresnel_decomp.bench.pareto import pareto_front
@@ -27,20 +28,12 @@ FEW = ("Schlick", "talk, 4 terms", "talk, 4 terms, 32 float16")
 
 @pytest.fixture(scope="module")
 def llvm():
-    """An active llvm_ad_rgb; the variant as before afterwards."""
-    status = doctor.usable_variants()["llvm_ad_rgb"]
-    if not status.usable:
-        pytest.skip(f"{status.reason}. {status.remedy}")
-    import mitsuba as mi
+    """An active llvm_ad_rgb with the plugin, for all tests."""
+    with using_llvm():
+        from fresnel_decomp.mitsuba import register
 
-    before = mi.variant()
-    mi.set_variant("llvm_ad_rgb")
-    from fresnel_decomp.mitsuba import register
-
-    register()
-    yield
-    if before:
-        mi.set_variant(before)
+        register()
+        yield
 
 
 @pytest.fixture
