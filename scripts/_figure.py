@@ -143,7 +143,8 @@ def compute(
     ----------
     figure : Figure
     folder : Path
-        For its data and nothing else: with `force` all tables and images in it are removed.
+        For its data and nothing else: tables and numbers of other settings in it are removed, with
+        `force` all of them, and the images.
     quick : bool
         Tiny images and few sizes, to see that everything runs.
     force : bool
