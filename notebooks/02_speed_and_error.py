@@ -93,9 +93,9 @@ plt.show()
 # Operations are not time. Dr.Jit compiles each model into a kernel that evaluates eight angles and
 # three channels for every element; the time is that of the kernel, as its history has it. All
 # models take turns, and a ratio is the median over rounds of (model / exact) in the same round, so
-# that a machine that is busy for a while slows all of them. (If it is busy all the time, short
-# kernels look better than they are.) Before that, each answer is compared
-# with NumPy's. Tables hold samples of the basis functions.
+# that a machine that is busy for a while slows all of them; short kernels run several times in a
+# row, so that it interrupts all of them as often. Before that, each answer is compared with
+# NumPy's. Tables hold samples of the basis functions.
 
 # %%
 eta, k = np.array([4.185, 3.185, 2.784]), np.array([3.835, 3.010, 2.869])  # about beryllium
@@ -145,23 +145,6 @@ def check(evaluate, name: str) -> float:
     return float(np.abs(values - model(c)).max())
 
 
-def timed(runs: dict, rounds: int = 11) -> dict[str, list[float]]:
-    """Kernel milliseconds of functions that take turns."""
-    import drjit as dr
-
-    times = {name: [] for name in runs}
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        for number in range(-2, rounds):  # two rounds compile
-            for name in list(runs)[:: -1 if number % 2 else 1]:
-                dr.kernel_history_clear()
-                dr.eval(runs[name]())
-                dr.sync_thread()
-                history = dr.kernel_history([dr.KernelType.JIT])
-                if number >= 0:
-                    times[name].append(sum(kernel["execution_time"] for kernel in history))
-    return times
-
-
 ratios = {}
 if fast:
     cosines = mi.PCG32(size=1 << 19).next_float32()
@@ -179,9 +162,10 @@ if fast:
     import drjit as dr
 
     dr.eval(cosines)
-    times = timed({name: (lambda e=e: eight(e)) for name, e in models.items()})
-    ratio_and_spread = fd.mitsuba.timing.ratio_and_spread
-    ratios = {name: ratio_and_spread(t, times["exact"]) for name, t in times.items()}
+    timing = fd.mitsuba.timing
+    runs = {name: (lambda e=e: dr.eval(eight(e))) for name, e in models.items()}
+    times = timing.interleaved_times({"curve": runs}, rounds=11)["curve"]
+    ratios = {name: timing.ratio_and_spread(t, times["exact"]) for name, t in times.items()}
     nanoseconds = 1e6 * np.median(times["exact"]) / (8 * len(cosines))
     print(f"exact: {nanoseconds:.2f} ns a colour; the others relative to it")
     for name, (ratio, spread) in ratios.items():
@@ -279,14 +263,14 @@ if fast:
         return [x * a + b for x in f0]
 
     runs = {
-        "fetch, 4 terms": fetched,
-        "fetch, Schlick": fetched_schlick,
-        "64 nodes": lambda: integrated(8),
-        "256 nodes": lambda: integrated(16),
+        "fetch, 4 terms": lambda: dr.eval(fetched()),
+        "fetch, Schlick": lambda: dr.eval(fetched_schlick()),
+        "64 nodes": lambda: dr.eval(integrated(8)),
+        "256 nodes": lambda: dr.eval(integrated(16)),
     }
-    times = timed(runs, rounds=7)
+    times = timing.interleaved_times({"average": runs}, rounds=7)["average"]
     for name, values in times.items():
-        ratio, _ = ratio_and_spread(values, times["fetch, 4 terms"])
+        ratio, _ = timing.ratio_and_spread(values, times["fetch, 4 terms"])
         print(f"{name:15} {1e6 * np.median(values) / count:9.1f} ns a colour, ratio {ratio:.2f}")
 
 # %% [markdown]

@@ -5,9 +5,7 @@ Every image is kept as soon as it is finished, with what it was made from in its
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
+import _kept
 from _figure import Job
 from fresnel_decomp import AlbedoTable, Basis, Exact, load_basis
 from fresnel_decomp.area_light import CORRECTIONS, AreaLight, AreaMaterial
-from fresnel_decomp.images import nrmse, read_exr, read_exr_attributes, write_exr
+from fresnel_decomp.images import nrmse, read_exr
 from fresnel_decomp.ltc import load_lobes
 from fresnel_decomp.subjects import Subject, from_indices, from_material
 
@@ -33,8 +32,6 @@ SHAPES = ("rectangle", "disk")
 TABLE_SIZE = 64
 SHADER_SPP = 16
 RADIANCE = 6.0
-
-_SETTINGS = "areaLightStudy"  # attribute of the EXR files
 
 
 @dataclass(frozen=True)
@@ -111,23 +108,16 @@ class Study:
         settings = self.job.settings
         self.size, self.spp, self.seed = (settings[name] for name in ("size", "spp", "seed"))
 
-    def kept(self, stem: str, what: Mapping[str, Any], make: Callable[[], np.ndarray]) -> Any:
+    def kept(
+        self, stem: str, what: Mapping[str, Any], make: Callable[[], np.ndarray]
+    ) -> np.ndarray:
         """The image called `stem`, read if it was made from the same settings, else made."""
-        path = self.job.folder / f"{stem}.exr"
-        settings = {k: v for k, v in self.job.settings.items() if k not in ("parameters", "scene")}
-        text = json.dumps({**settings, **what}, sort_keys=True)
-        image = None
-        with contextlib.suppress(ValueError):  # not an EXR file: make it anew
-            if path.is_file() and read_exr_attributes(path).get(_SETTINGS) == text:
-                image = read_exr(path)
-        if image is None:
-            write_exr(path, make(), {_SETTINGS: text})
-            image = read_exr(path)
+        found = _kept.image(self.job, stem, make, **what)
         self.done += 1
         each = 1 + 2 * len(CORRECTIONS) + len(RECIPES)
         total = len(SCENES) * (4 + len(MATERIALS) * each)
         self.job.report(stem[:26], min(self.done / total, 1.0))
-        return image
+        return found
 
     def path_traced(self, scene: Scene, material: str, model: str, seed: int) -> np.ndarray:
         from fresnel_decomp.mitsuba.comparison import render_scene

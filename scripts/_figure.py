@@ -1,8 +1,8 @@
-"""What the figure scripts share: computing once, sidecars, resuming, the command line.
+"""What the figure scripts share: computing once, sidecars, resuming, drawing.
 
-A `Figure` has two steps. *Computing* writes CSV and EXR files and, last of all, `<name>.json`,
-which says what they were made from: its presence with the same settings means finished. *Drawing*
-reads these files and nothing else.
+A `Figure` has two steps. *Computing* writes CSV and EXR files and a sidecar, `<name>.json`, which
+says what they are made from; with results in it, which come last of all, it means finished.
+*Drawing* reads these files and nothing else. `_figure_commands` has the command lines.
 """
 
 from __future__ import annotations
@@ -15,23 +15,20 @@ import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
-import click
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from _markdown import check_page, insert
+from _command_line import ROOT
 from fresnel_decomp import __version__, doctor, load_basis
 from fresnel_decomp._check import input_error
-from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import replacing, writable_folder, write_json
 
-ROOT = Path(__file__).resolve().parents[1]
 SCRIPTS = Path(__file__).resolve().parent
 PICTURES = ROOT / "docs" / "figures"
 DATA = ROOT / "out" / "figures"
@@ -146,7 +143,8 @@ def compute(
     ----------
     figure : Figure
     folder : Path
-        For its data and nothing else: with `force` all tables and images in it are removed.
+        For its data and nothing else: tables and numbers of other settings in it are removed, with
+        `force` all of them, and the images.
     quick : bool
         Tiny images and few sizes, to see that everything runs.
     force : bool
@@ -165,10 +163,13 @@ def compute(
     if not force and is_finished(figure, folder, settings):
         return None
     writable_folder(folder)
-    sidecar_path(figure.name, folder).unlink(missing_ok=True)
-    if force:
-        for path in [*folder.glob("*.exr"), *folder.glob("*.csv")]:
-            path.unlink()
+    if force or _sidecar(figure.name, folder).get("settings") != settings:
+        # of other settings: images say in their headers what they are made from, numbers do not
+        for path in folder.iterdir():
+            if path.suffix in (".csv", ".part") or (force and path.suffix == ".exr"):
+                path.unlink()
+    about = {"figure": figure.name, "title": figure.title, "settings": settings}
+    write_json(sidecar_path(figure.name, folder), about)
     resumed = sorted(path.name for path in folder.glob("*.exr"))
     begun = time.monotonic()
     with _progress(figure.name, console or Console(stderr=True)) as report:
@@ -177,9 +178,7 @@ def compute(
     write_json(
         sidecar_path(figure.name, folder),
         {
-            "figure": figure.name,
-            "title": figure.title,
-            "settings": settings,
+            **about,
             "results": results,
             "files": sorted(p.name for p in folder.iterdir() if p.suffix in (".exr", ".csv")),
             "runtime_s": round(seconds, 2),
@@ -197,14 +196,24 @@ def sidecar_path(name: str, folder: Path) -> Path:
     return folder / f"{name}.json"
 
 
+def _sidecar(name: str, folder: Path) -> dict[str, Any]:
+    """What it says, nothing if there is none or it is damaged."""
+    try:
+        found = json.loads(sidecar_path(name, folder).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
 def is_finished(figure: Figure, folder: Path, settings: dict[str, Any]) -> bool:
     """Whether the folder holds this figure, whole, made from these settings."""
-    try:
-        sidecar = json.loads(sidecar_path(figure.name, folder).read_text(encoding="utf-8"))
-        files = [folder / name for name in sidecar["files"]]
-        return sidecar["settings"] == settings and all(path.is_file() for path in files)
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
+    sidecar = _sidecar(figure.name, folder)
+    files = [folder / name for name in sidecar.get("files", ())]
+    return (
+        "results" in sidecar
+        and sidecar.get("settings") == settings
+        and all(path.is_file() for path in files)
+    )
 
 
 def read_sidecar(name: str, folder: Path) -> dict[str, Any]:
@@ -215,14 +224,14 @@ def read_sidecar(name: str, folder: Path) -> dict[str, Any]:
     InputError
         If it did not finish.
     """
-    path = sidecar_path(name, folder)
-    if not path.is_file():
+    sidecar = _sidecar(name, folder)
+    if "results" not in sidecar:
         raise input_error(
             f"no finished results in '{folder}'",
-            f"a folder with '{path.name}'",
-            f"Run: python scripts/{name}.py compute",
+            f"a folder with a finished '{name}.json'",
+            f"Run: python scripts/reproduce.py --only {name}",
         )
-    return json.loads(path.read_text(encoding="utf-8"))
+    return sidecar
 
 
 def write_table(path: Path, columns: Mapping[str, np.ndarray]) -> None:
@@ -310,133 +319,3 @@ def is_drawn(figure: Figure, folder: Path, pictures: Path) -> bool:
     newest = max(path.stat().st_mtime for path in sources)
     paths = [pictures / name for name in figure.pictures]
     return all(path.is_file() and path.stat().st_mtime >= newest for path in paths)
-
-
-# --- command line --------------------------------------------------------------------------------
-
-
-def say_if_reduced(variant: str | None) -> None:
-    """One line where there is neither a usable LLVM nor a GPU."""
-    if variant is None and (best := doctor.best_variant()).startswith("scalar"):
-        click.echo(f"No usable LLVM or GPU: rendering in {best} at a reduced size.", err=True)
-
-
-def commands(figure: Figure) -> click.Group:
-    """The command line of one figure's script: `compute` and `draw`."""
-
-    @click.group(help=f"{figure.title}.", context_settings={"help_option_names": ["-h", "--help"]})
-    def group() -> None:
-        pass
-
-    @group.command("compute")
-    @click.option("--quick", is_flag=True, help="Tiny images, to see that everything runs.")
-    @click.option("--force", is_flag=True, help="Compute again what is finished.")
-    @click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
-    @click.option(
-        "--out",
-        type=click.Path(path_type=Path),
-        help=f"Data go to a folder {figure.name} in this one.  [default: out/figures; "
-        "with --quick out/figures-quick]",
-    )
-    def compute_command(quick: bool, force: bool, variant: str | None, out: Path | None) -> None:
-        """Compute the data, unless they are finished."""
-        folder = (out or (QUICK_DATA if quick else DATA)) / figure.name
-        if figure.scene is not None:
-            say_if_reduced(variant)
-        seconds = compute(figure, folder, quick=quick, force=force, variant=variant)
-        state = "was finished" if seconds is None else f"took {seconds:.1f} s"
-        click.echo(f"{figure.name} {state}: {shown(folder)}")
-
-    @group.command("draw")
-    @click.option(
-        "--data",
-        type=click.Path(path_type=Path),
-        help="What --out of `compute` was.  [default: out/figures]",
-    )
-    @click.option(
-        "--out",
-        type=click.Path(path_type=Path),
-        help="Folder for the pictures.  [default: docs/figures]",
-    )
-    def draw_command(data: Path | None, out: Path | None) -> None:
-        """Draw from the data of `compute`."""
-        for path in draw(figure, (data or DATA) / figure.name, out or PICTURES):
-            click.echo(f"Wrote {shown(path)}")
-
-    return group
-
-
-Marks = tuple[str, str]
-
-
-def study(
-    figure: Figure,
-    texts: Callable[[dict[str, Any]], Mapping[str, str]],
-    marks: Mapping[str, Marks],
-) -> click.Command:
-    """The command line of a study: compute what is missing, draw, print, and fill in a page.
-
-    Parameters
-    ----------
-    figure : Figure
-    texts : callable
-        From the results in the sidecar to what is printed, by name.
-    marks : mapping
-        Lines between which texts stand on a page, for those that do.
-    """
-
-    @click.command(
-        help=f"{figure.title}.", context_settings={"help_option_names": ["-h", "--help"]}
-    )
-    @click.option("--quick", is_flag=True, help="Tiny images, to see that everything runs.")
-    @click.option("--force", is_flag=True, help="Compute again what is finished.")
-    @click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
-    @click.option("--page", type=click.Path(path_type=Path), help="Replace the tables of a page.")
-    @click.option(
-        "--out",
-        type=click.Path(path_type=Path),
-        help="Folder for data and pictures.  [default: out/figures and docs/figures; "
-        "with --quick out/figures-quick]",
-    )
-    def command(
-        quick: bool, force: bool, variant: str | None, page: Path | None, out: Path | None
-    ) -> None:
-        if page is not None:
-            check_page(page, *marks.values())
-            if quick and page.resolve().is_relative_to(ROOT):
-                raise input_error(
-                    f"--quick together with '{page}'", "pages of whole studies", "Leave one out."
-                )
-        data = out or (QUICK_DATA if quick else DATA)
-        if figure.scene is not None:
-            say_if_reduced(variant)
-        folder = data / figure.name
-        seconds = compute(figure, folder, quick=quick, force=force, variant=variant)
-        state = "was finished" if seconds is None else f"took {seconds:.0f} s"
-        click.echo(f"{figure.name} {state}: {shown(folder)}")
-        for path in draw(figure, folder, data if out or quick else PICTURES):
-            click.echo(f"Wrote {shown(path)}")
-        for name, text in texts(read_sidecar(figure.name, folder)["results"]).items():
-            click.echo(f"\n{text}")
-            if page is not None and name in marks:
-                insert(page, text, marks[name])
-
-    return command
-
-
-def shown(path: Path) -> str:
-    """A path as short as it can be given."""
-    path = path.resolve()
-    return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else str(path)
-
-
-def main(command: click.Command, arguments: Sequence[str] | None = None) -> NoReturn:
-    """Run a command and exit: 0 done, 1 failed, 2 bad input, 130 interrupted."""
-    doctor.prepare()  # before anything imports Dr.Jit
-    run_and_exit(
-        command,
-        arguments,
-        Path(sys.argv[0]).name,
-        "Interrupted. Finished images are kept: the same command (without --force) goes on from "
-        "them.",
-    )

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Callable
 from pathlib import Path
 
-from fresnel_decomp._check import InputError, input_error
+from fresnel_decomp._check import input_error
 from fresnel_decomp._files import write_text
 from fresnel_decomp._markdown import markdown_table as markdown
 
-__all__ = ["check_page", "insert", "markdown", "page_with"]
+__all__ = ["Marks", "check_page", "insert", "markdown", "marks"]
+
+Marks = tuple[str, str]
+"""The lines between which a text stands on a page."""
 
 
-def insert(page: Path, text: str, marks: tuple[str, str]) -> None:
+def marks(name: str) -> Marks:
+    """Those of a text of that name."""
+    return f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
+
+
+def insert(page: Path, text: str, marks: Marks) -> None:
     """Replace what stands between two marks in a Markdown file.
 
     Raises
@@ -25,7 +31,7 @@ def insert(page: Path, text: str, marks: tuple[str, str]) -> None:
     write_text(page, f"{before}{marks[0]}\n{text}\n\n{marks[1]}{after}")
 
 
-def check_page(page: Path, *marks: tuple[str, str]) -> None:
+def check_page(page: Path, *marks: Marks) -> None:
     """Make sure that `insert` finds these pairs of marks.
 
     So a long run does not end with a page that has no place for its tables.
@@ -41,20 +47,7 @@ def check_page(page: Path, *marks: tuple[str, str]) -> None:
         _around(page, pair)
 
 
-def page_with(*marks: tuple[str, str]) -> Callable[[str], Path]:
-    """A type for argparse: a file that `check_page` accepts."""
-
-    def page(name: str) -> Path:
-        try:
-            check_page(Path(name), *marks)
-        except InputError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
-        return Path(name)
-
-    return page
-
-
-def _around(page: Path, marks: tuple[str, str]) -> tuple[str, str]:
+def _around(page: Path, marks: Marks) -> tuple[str, str]:
     """What stands before and after two marks."""
     before, *rest = page.read_text(encoding="utf-8").split(marks[0])
     after = rest[0].split(marks[1]) if len(rest) == 1 else []

@@ -63,17 +63,30 @@ class Page:
     def flip_bar(self, x: float, y: float, width: float, mappable: Any) -> None:
         """The colour bar of FLIP maps; it needs .4 inch."""
         limit = mappable.get_clim()[1]
-        bar = self.figure.colorbar(
-            mappable,
-            cax=self.axes(x, y, width, 0.09),
-            orientation="horizontal",
-            extend="max",
-            extendfrac=0.03,
+        self.colour_bar(
+            x, y, width, mappable, "FLIP (0: no visible difference)",
+            extend="max", extendfrac=0.03, format=lambda value, _: f"{value:g}",
             ticks=np.linspace(0.0, limit, 4 if f"{limit:e}"[0] in "36" else 5),
-            format=lambda value, _: f"{value:g}",
-        )
-        bar.set_label("FLIP (0: no visible difference)", size=8, labelpad=2)
-        bar.ax.tick_params(labelsize=7.5)
+        )  # fmt: skip
+
+    def colour_bar(
+        self,
+        x: float,
+        y: float,
+        width: float,
+        mappable: Any,
+        label: str,
+        *,
+        height: float = 0.09,
+        size: float = 8.0,
+        labelpad: float = 2.0,
+        **options: Any,
+    ) -> None:
+        """A horizontal bar with its label below."""
+        cax = self.axes(x, y, width, height)
+        bar = self.figure.colorbar(mappable, cax=cax, orientation="horizontal", **options)
+        bar.set_label(label, size=size, labelpad=labelpad)
+        bar.ax.tick_params(labelsize=size - 0.5)
         bar.ax.grid(False)
         bar.outline.set_linewidth(0.5)
 

@@ -5,9 +5,7 @@ Every image is kept as soon as it is finished, with what it was made from in its
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+import _kept
 from _figure import Job
 from fresnel_decomp import F82, AlbedoTable, Exact, load_basis, split_albedo
 from fresnel_decomp.images import (
@@ -22,8 +21,6 @@ from fresnel_decomp.images import (
     delta_e,
     nrmse,
     read_exr,
-    read_exr_attributes,
-    write_exr,
 )
 from fresnel_decomp.subjects import Subject, from_gulbrandsen, from_indices, from_material
 
@@ -47,8 +44,6 @@ EXPOSURES = {"plastic": 3.0}
 SUNSKY: dict[str, Any] = {"sun_direction": [-0.6, 0.55, 0.35], "sun_scale": 1.5, "sky_scale": 1.5}
 """In front of the object, over the camera's shoulder; about as bright as the city."""
 SPLIT_SPP = 16
-
-_SETTINGS = "splitSumStudy"  # attribute of the EXR files
 
 Numbers = dict[str, float]
 
@@ -133,21 +128,14 @@ class Study:
 
     # --- images --------------------------------------------------------------------------------
 
-    def kept(self, stem: str, what: Mapping[str, Any], make: Callable[[], np.ndarray]) -> Any:
+    def kept(
+        self, stem: str, what: Mapping[str, Any], make: Callable[[], np.ndarray]
+    ) -> np.ndarray:
         """The image called `stem`, read if it was made from the same settings, else made."""
-        path = self.job.folder / f"{stem}.exr"
-        settings = {k: v for k, v in self.job.settings.items() if k not in ("parameters", "scene")}
-        text = json.dumps({**settings, **what, "light_width": self.light_width}, sort_keys=True)
-        image = None
-        with contextlib.suppress(ValueError):  # not an EXR file: make it anew
-            if path.is_file() and read_exr_attributes(path).get(_SETTINGS) == text:
-                image = read_exr(path)
-        if image is None:
-            write_exr(path, make(), {_SETTINGS: text})
-            image = read_exr(path)
+        found = _kept.image(self.job, stem, make, **what, light_width=self.light_width)
         self.done += 1
         self.job.report(stem[:26], min(self.done / self.total, 1.0))
-        return image
+        return found
 
     def path_traced(self, scene: Scene, model: str, seed: int, name: str) -> np.ndarray:
         from fresnel_decomp.mitsuba.comparison import render_scene

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 import _colour_models as models
+from _page import Page
 from fresnel_decomp import RECIPES, delta_e_2000, linear_to_srgb, load_material
 from fresnel_decomp.colour import rgb_weights
 from fresnel_decomp.fresnel import conductor
@@ -39,19 +40,12 @@ def draw_models(path: Path, names: Sequence[str]) -> None:
     row_height, width = 0.27, 4.9
     height = blocks * (len(shown) * row_height + 0.62) + 0.3
     with style.styled():
-        figure = style.figure(columns * width, height)
+        page = Page(columns * width, height)
         for index, name in enumerate(names):
             exact, curves = swatches(name)
             left = (index % columns) * width + 1.62
             top = 0.62 + (index // columns) * (len(shown) * row_height + 0.62)
-            axes = figure.add_axes(
-                (
-                    left / (columns * width),
-                    1.0 - (top + len(shown) * row_height) / height,
-                    (width - 1.75) / (columns * width),
-                    len(shown) * row_height / height,
-                )
-            )
+            axes = page.axes(left, top, width - 1.75, len(shown) * row_height)
             image = np.ones((len(shown), 2 * len(DEGREES), 3))
             for row, model in enumerate(shown):
                 image[row, 0::2], image[row, 1::2] = exact, curves[model]
@@ -66,14 +60,15 @@ def draw_models(path: Path, names: Sequence[str]) -> None:
                 text = f"{degrees}°"
                 axes.text(2 * column + 0.5, -0.62, text, ha="center", va="bottom", size=7.5)
             axes.text(-0.65, -0.62, name, ha="right", va="bottom", size=10.5, weight="bold")
-        figure.text(
-            0.01,
-            1.0 - 0.06 / height,
+        page.write(
+            0.01 * columns * width,
+            0.06,
             "Each patch: exact colour in D65 on the left, the model's on the right; ΔE00 on it.",
+            ha="left",
             va="top",
             size=8.5,
         )
-        style.save(figure, path, dpi=150)
+        page.save(path, dpi=150)
 
 
 def draw_all(path: Path, names: Sequence[str]) -> None:
@@ -83,18 +78,11 @@ def draw_all(path: Path, names: Sequence[str]) -> None:
     width, block = 3.3, 0.56
     height = rows * block + 0.62
     with style.styled():
-        figure = style.figure(columns * width, height)
+        page = Page(columns * width, height)
         for index, name in enumerate(names):
             exact, curves = swatches(name)
             column, row = divmod(index, rows)
-            axes = figure.add_axes(
-                (
-                    (column * width + 0.72) / (columns * width),
-                    1.0 - (0.55 + row * block + 0.48) / height,
-                    (width - 0.82) / (columns * width),
-                    0.48 / height,
-                )
-            )
+            axes = page.axes(column * width + 0.72, 0.55 + row * block, width - 0.82, 0.48)
             image = np.stack([curves[models.MITSUBA], exact, curves[DEFAULT]])
             patches(axes, image, aspect="auto")
             axes.text(-0.62, 1, name, ha="right", va="center", size=8)
@@ -105,15 +93,16 @@ def draw_all(path: Path, names: Sequence[str]) -> None:
             if row == 0:
                 for at, degrees in enumerate(DEGREES):
                     axes.text(at, -0.7, f"{degrees}°", ha="center", va="bottom", size=7)
-        figure.text(
-            0.01,
-            1.0 - 0.05 / height,
+        page.write(
+            0.01 * columns * width,
+            0.05,
             "Rows of each material, under D65: one RGB index as Mitsuba makes it | exact | "
             "decomposition of the spectrum. Numbers: largest ΔE00 of the row.",
+            ha="left",
             va="top",
             size=8.5,
         )
-        style.save(figure, path, dpi=150)
+        page.save(path, dpi=150)
 
 
 def patches(axes: Any, image: np.ndarray, aspect: str = "auto") -> None:

@@ -17,19 +17,20 @@ With --variations the models are instead the two recipes of four terms with one 
 
 from __future__ import annotations
 
-import argparse
 import csv
 import functools
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import click
 import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
 from _colour_models import colour_errors
+from _command_line import check_suffixes, main, script
 from _markdown import markdown
 from fresnel_decomp import (
     RECIPES,
@@ -44,34 +45,35 @@ from fresnel_decomp._files import write_json, write_text
 from fresnel_decomp.accuracy import SETS, TERMS, Array, Errors, Fit, decomposition, fits, measure
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS))
-    parser.add_argument("--variations", action="store_true", help="recipes with a choice changed")
-    parser.add_argument(
-        "--out", nargs="*", type=Path, default=[], help="also write .json and .csv files"
-    )
-    options = parser.parse_args(arguments)
-    for path in options.out:
-        if path.suffix not in (".json", ".csv"):
-            parser.error(f"--out {path}: accepted are files that end in .json or .csv")
-    chosen = {name: SETS[name]() for name in options.sets}
+@script()
+@click.option(
+    "--sets", multiple=True, type=click.Choice(list(SETS)), help="Repeatable.  [default: all]"
+)
+@click.option("--variations", is_flag=True, help="Recipes with a choice changed.")
+@click.option(
+    "--out", multiple=True, type=click.Path(path_type=Path), help="Also write .json and .csv."
+)
+def accuracy(sets: tuple[str, ...], variations: bool, out: tuple[Path, ...]) -> None:
+    """How far every model is from the exact Fresnel equations, on four sets of curves."""
+    check_suffixes(out)
+    chosen = {name: SETS[name]() for name in sets or SETS}
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("errors", total=sum(map(len, chosen.values())))
-        models = varied if options.variations else fits
+        models = varied if variations else fits
         results = {
             name: measure(curve_set, lambda count: progress.advance(task, count), models=models)
             for name, curve_set in chosen.items()
         }
-    print(error_table(results, None if options.variations else colours()))
-    if not options.variations:
-        print("", albedo_table(results), "", worst_table(results), "", basis_table(), sep="\n")
-    for path in options.out:
+    click.echo(error_table(results, None if variations else colours()))
+    if not variations:
+        tables = (albedo_table(results), worst_table(results), basis_table())
+        click.echo("\n" + "\n\n".join(tables))
+    for path in out:
         write(path, results, {name: len(curve_set) for name, curve_set in chosen.items()})
 
 
 @functools.cache
-def variations() -> dict[str, Basis]:
+def changed_recipes() -> dict[str, Basis]:
     """The two recipes of four terms, and each with one of its choices changed."""
     talk, notebook = load_basis("talk"), load_basis("notebook")
     free = extract_basis(curves.talk_training_set())
@@ -88,8 +90,8 @@ def variations() -> dict[str, Basis]:
 
 
 def varied(cos_theta: Array) -> dict[str, Fit]:
-    """As `fits`, for `variations`."""
-    return {name: decomposition(basis, cos_theta) for name, basis in variations().items()}
+    """As `fits`, for `changed_recipes`."""
+    return {name: decomposition(basis, cos_theta) for name, basis in changed_recipes().items()}
 
 
 def error_table(
@@ -177,4 +179,4 @@ def write(path: Path, results: dict[str, dict[str, Errors]], counts: dict[str, i
 
 
 if __name__ == "__main__":
-    main()
+    main(accuracy)

@@ -16,13 +16,14 @@ from pathlib import Path
 import click
 
 from _area_lights import METALS, OBJECTS, SCENES, Study
-from _figure import Job, main
-from _markdown import check_page, insert, markdown
+from _command_line import main, page_option, script
+from _figure import Job
+from _markdown import insert, markdown, marks
 from fresnel_decomp import RECIPES, doctor
 from fresnel_decomp.images import nrmse
 
 TERMS = (4, 5)
-MARKS = ("<!-- area light fresnel -->\n", "<!-- end of area light fresnel -->\n")
+MARKS = marks("area light fresnel")
 BOUND = 0.005
 """What a metal's Fresnel term may add."""
 
@@ -64,17 +65,15 @@ def table(found: Errors) -> str:
     return markdown(head, rows)
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@script()
 @click.option("--size", type=click.IntRange(min=8), default=96, show_default=True)
-@click.option("--page", type=click.Path(path_type=Path), help="Replace the table of a page.")
+@page_option(MARKS)
 def command(size: int, page: Path | None) -> None:
     """What the Fresnel term alone costs under area lights."""
-    if page is not None:
-        check_page(page, MARKS)
     text = table(errors(size))
     click.echo(text)
     if page is not None:
-        insert(page, f"\n{text}", MARKS)
+        insert(page, text, MARKS)
 
 
 if __name__ == "__main__":

@@ -27,14 +27,15 @@ from _area_lights import (
     compute,
     read_image,
 )
-from _figure import Figure, main, read_sidecar, study
-from _markdown import markdown
+from _figure import Figure, read_sidecar
+from _figure_commands import main, study
+from _markdown import markdown, marks
 from _page import Page
 from fresnel_decomp.area_light import CORRECTIONS
 from fresnel_decomp.report import style
 
 NAME = "area_light_study"
-MARKS = "<!-- area light study -->\n", "<!-- end of area light study -->"
+MARKS = marks("area light study")
 EXPOSURES = {"plastic": 2.5}
 Results = Mapping[str, Any]
 
@@ -211,15 +212,12 @@ def draw_object(results: Results, folder: Path, name: str, path: Path) -> None:
                         x = start + column * (side + gap) + side / 2
                         page.write(x, top - 0.1, title, size=8)
         y = top + len(rows) * (side + below) + 0.08
-        bar = page.figure.colorbar(
-            shown_map, cax=page.axes(left + block, y, 3 * (side + gap) - gap, 0.08),
-            orientation="horizontal", extend="both", extendfrac=0.03,
+        page.colour_bar(
+            left + block, y, 3 * (side + gap) - gap, shown_map,
+            "LTC − Mitsuba, linear, as exposed (white is 1)", height=0.08, size=7.5,
+            extend="both", extendfrac=0.03,
             format=lambda value, _: f"{value:g}".replace("-", "−"),
         )  # fmt: skip
-        bar.set_label("LTC − Mitsuba, linear, as exposed (white is 1)", size=7.5, labelpad=2)
-        bar.ax.tick_params(labelsize=7)
-        bar.ax.grid(False)
-        bar.outline.set_linewidth(0.5)
         page.save(path, dpi=112)
 
 
@@ -248,7 +246,7 @@ FIGURE = Figure(
 def texts(results: Mapping[str, Any]) -> dict[str, str]:
     """Tables and a summary, for the terminal and the page."""
     said = "\n".join(summary(results))
-    return {"study": f"\n{tables(results)}\n\n```text\n{said}\n```"}
+    return {"study": f"{tables(results)}\n\n```text\n{said}\n```"}
 
 
 command = study(FIGURE, texts, {"study": MARKS})

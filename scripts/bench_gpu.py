@@ -30,7 +30,6 @@ import inspect
 import json
 import os
 import platform
-import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -42,13 +41,12 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from _markdown import insert, markdown
+from _command_line import ROOT, main, page_option, script
+from _markdown import insert, marks
 from _screen_pass import (
-    FETCHES,
     METALS,
     PARTS,
     PASSES,
-    TEXTURED,
     UNIFORM,
     Materials,
     Screen,
@@ -57,22 +55,15 @@ from _screen_pass import (
     make_screen,
     reference,
 )
+from _screen_report import CLAIM, EXPOSURE, draw, report
 from fresnel_decomp import __version__, doctor
 from fresnel_decomp._check import input_error
-from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import writable_folder, write_json
-from fresnel_decomp.images import delta_e, display, nrmse
+from fresnel_decomp.images import delta_e, nrmse
 from fresnel_decomp.machine import graphics_card, processor, source_hash
-from fresnel_decomp.report import style
 
-ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "out" / "bench_gpu"
-MARKS = {
-    kind: (f"<!-- full-screen pass, {kind} -->\n", f"<!-- end of full-screen pass, {kind} -->\n")
-    for kind in ("cuda", "llvm")
-}
-CLAIM_MS = 0.05
-CLAIM = (1280, 720)
+MARKS = {kind: marks(f"full-screen pass, {kind}") for kind in ("cuda", "llvm")}
 WARM_UP_S = 2.0
 """Uncounted rounds on a GPU, whose clock rises only under load."""
 EXACT_RMS = 5e-5
@@ -81,7 +72,6 @@ roundings of the direction meet the edge of the sun."""
 UNITS_RMS = 0.02
 """The same with texture units: 8 bits of fraction between texels of a light with a sun in it. With
 coordinates rounded so in software it is 9e-4, and 2e-3 in the quick picture."""
-EXPOSURE = 1.0  # stops, of the picture and of colour differences
 
 Times = dict[str, list[float]]
 
@@ -102,14 +92,6 @@ class Settings:
 
 QUICK = {"width": 64, "height": 36, "texture": 32, "table": 16, "light_width": 32,
          "light_levels": 4}  # fmt: skip
-
-
-RG = TEXTURED[2]
-
-
-def base_of(name: str) -> str:
-    """Schlick's pass with coefficients of the same kind."""
-    return UNIFORM[0] if name in UNIFORM else TEXTURED[0]
 
 
 # --- answers -------------------------------------------------------------------------------------
@@ -211,184 +193,30 @@ def measure(
     RuntimeError
         If a pass is not one kernel.
     """
-    import drjit as dr
-
     names = (*PASSES, *PARTS)
     done = len(times[names[0]])
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        start = time.monotonic()
-        while done < rounds and time.monotonic() - start < warm_up_s:
-            for name in names:
-                _milliseconds(shaders, name, repeat)
-        for number in range(-2 if done < rounds else rounds, rounds - done):
-            order = names[:: -1 if number % 2 else 1]
-            found = {name: _milliseconds(shaders, name, repeat) for name in order}
-            if number >= 0:
-                for name, milliseconds in found.items():
-                    times[name].append(milliseconds)
-                finished()
+    start = time.monotonic()
+    while done < rounds and time.monotonic() - start < warm_up_s:
+        for name in names:
+            _milliseconds(shaders, name, repeat)
+    for number in range(-2 if done < rounds else rounds, rounds - done):
+        order = names[:: -1 if number % 2 else 1]
+        found = {name: _milliseconds(shaders, name, repeat) for name in order}
+        if number >= 0:
+            for name, milliseconds in found.items():
+                times[name].append(milliseconds)
+            finished()
 
 
 def _milliseconds(shaders: Callable[[str], Any], name: str, repeat: int) -> float:
     import drjit as dr
 
-    dr.kernel_history_clear()
-    for _ in range(repeat):
-        dr.eval(shaders(name))
-    dr.sync_thread()
-    kernels = dr.kernel_history([dr.KernelType.JIT])
+    from fresnel_decomp.mitsuba.timing import kernel_milliseconds
+
+    kernels = kernel_milliseconds(lambda: dr.eval(shaders(name)), repeat)
     if len(kernels) != repeat:
         raise RuntimeError(f"{name}: {len(kernels)} kernels for {repeat} passes")
-    return float(sum(kernel["execution_time"] for kernel in kernels)) / repeat
-
-
-def spread(values: Sequence[float]) -> tuple[float, float]:
-    """Median, and half the distance between the quartiles."""
-    low, middle, high = statistics.quantiles(values, n=4, method="inclusive")
-    return middle, 0.5 * (high - low)
-
-
-def differences(first: Sequence[float], second: Sequence[float]) -> list[float]:
-    return [a - b for a, b in zip(first, second, strict=True)]
-
-
-# --- report --------------------------------------------------------------------------------------
-
-
-def report(results: Mapping[str, Any]) -> str:
-    """Markdown: milliseconds on a GPU, ratios elsewhere."""
-    times, settings, about = results["times"], results["settings"], results["about"]
-    gpu = settings["variant"].startswith("cuda")
-    head = ["pass", "fetches a pixel"]
-    head += ["ms", "ms − Schlick's"] if gpu else []
-    head += ["time / Schlick's", "NRMSE, % · ΔE00 to exact"]
-    rows = []
-    for name in PASSES:
-        base = times[base_of(name)]
-        row = [name, FETCHES[name]]
-        if gpu:
-            row.append(_number(*spread(times[name]), digits=4))
-            more = spread(differences(times[name], base))
-            row.append("" if name == base_of(name) else _number(*more, digits=4))
-        ratio = spread([a / b for a, b in zip(times[name], base, strict=True)])
-        row.append("1" if name == base_of(name) else _number(*ratio, digits=3))
-        error = results["errors"][name]
-        row.append(
-            f"{100 * error['nrmse']:.2f} · {error['delta_e']:.2f}" if "nrmse" in error else ""
-        )
-        rows.append(row)
-    size = f"{settings['width']} × {settings['height']}"
-    where = (
-        f"Kernel times of {len(times[PASSES[0]])} rounds, {size}, {settings['variant']}, "
-        f"{about['device']}, Mitsuba {about['versions']['mitsuba']}, Dr.Jit "
-        f"{about['versions']['drjit']}; {days(results['dates'])}."
-    )
-    label = (
-        "Milliseconds on a GPU, with its texture units."
-        if gpu
-        else "**Ratios on a processor**, which filters textures in software: they do not check the "
-        "talk's milliseconds."
-    )
-    worst = max(error["shader"] for error in results["errors"].values())
-    checked = (
-        f"All pixels were compared with NumPy before: RMS error below {worst:.1g} of the mean"
-        + (
-            f", {max(e['shader_as_timed'] for e in results['errors'].values()):.1g} with texture "
-            "units."
-            if gpu
-            else "."
-        )
-    )
-    parts = [label, markdown(head, rows), shares(times), comparisons(times), f"{where} {checked}"]
-    if gpu:
-        parts.insert(2, verdicts(results))
-    return "\n\n".join(parts)
-
-
-def shares(times: Mapping[str, Sequence[float]]) -> str:
-    """Markdown: what each part adds, in percent of the whole pass."""
-    screen, light, two, four = (times[name] for name in PARTS)
-    rows = []
-    for name in PASSES:
-        table = two if name.startswith("Schlick") else four
-        steps = (screen, differences(light, screen), differences(table, light),
-                 differences(times[name], table))  # fmt: skip
-        cells = []
-        for step in steps:
-            share = [100.0 * a / b for a, b in zip(step, times[name], strict=True)]
-            cells.append(_number(*spread(share), digits=0))
-        rows.append([name, *cells])
-    head = ("% of the pass", "G-buffer, output", "light", "table", "coefficients and sum")
-    return markdown(head, rows)
-
-
-def comparisons(times: Mapping[str, Sequence[float]]) -> str:
-    """Markdown: what is dearer, and by how much, in percent of Schlick's pass in the same round."""
-    _, _, two, four = (times[name] for name in PARTS)
-
-    def sums(kind: Sequence[str]) -> list[float]:
-        return differences(differences(times[kind[1]], four), differences(times[kind[0]], two))
-
-    steps = {
-        "table: four channels, not two": (differences(four, two), UNIFORM),
-        "coefficients and sum: four terms, not two; uniform": (sums(UNIFORM), UNIFORM),
-        "coefficients and sum: three maps, not one; textured": (sums(TEXTURED), TEXTURED),
-        "(r, g) in two maps, not coefficients in three": (
-            differences(times[RG], times[TEXTURED[1]]), TEXTURED,
-        ),
-    }  # fmt: skip
-    rows = []
-    for name, (step, kind) in steps.items():
-        share = [100.0 * a / b for a, b in zip(step, times[kind[0]], strict=True)]
-        more, half = (round(value, 1) for value in spread(share))  # the verdict on what is printed
-        rows.append([name, _number(more, half, digits=1), direction(more, half)])
-    return markdown(("change", "% of Schlick's pass", "verdict"), rows)
-
-
-def direction(more: float, half: float) -> str:
-    """Whether a difference is one: its sign, or undecided within its spread."""
-    if abs(more) <= half:
-        return "undecided"
-    return "dearer" if more > 0.0 else "cheaper"
-
-
-def verdict(more: Sequence[float]) -> str:
-    """Whether milliseconds more are at most the talk's: within, above, or undecided."""
-    middle, half = spread(more)
-    if middle + half <= CLAIM_MS:
-        return "within"
-    return "above" if middle - half > CLAIM_MS else "undecided"
-
-
-def verdicts(results: Mapping[str, Any]) -> str:
-    """The talk's claim against what was measured; only for a GPU."""
-    settings, times = results["settings"], results["times"]
-    size = (settings["width"], settings["height"])
-    if size != CLAIM:
-        return f"At {size[0]} × {size[1]} the talk claims nothing; it is about 1280 × 720."
-    lines = []
-    for name in PASSES:
-        if name == base_of(name):
-            continue
-        more = differences(times[name], times[base_of(name)])
-        middle, half = spread(more)
-        lines.append(
-            f"- {name}: {middle:+.4f} ± {half:.4f} ms against {CLAIM_MS} ms: {verdict(more)}"
-        )
-    device = results["about"]["device"]
-    same = device.split(",")[0].endswith("RTX 2070")  # not a 2070 SUPER, nor one of a laptop
-    other = "" if same else f" This is another card, {device}."
-    return "\n".join([f"The talk: at most {CLAIM_MS} ms on an RTX 2070.{other}", "", *lines])
-
-
-def days(dates: Sequence[str]) -> str:
-    """When the rounds were measured, not when they were reported."""
-    first, last = min(dates), max(dates)
-    return first if first == last else f"{first} to {last}"
-
-
-def _number(value: float, half: float, digits: int) -> str:
-    return f"{value:.{digits}f} ± {half:.{digits}f}"
+    return sum(kernels) / repeat
 
 
 def about(variant: str, repeat: int) -> dict[str, Any]:
@@ -424,75 +252,6 @@ def sources() -> str:
     return found.hexdigest()
 
 
-# --- picture -------------------------------------------------------------------------------------
-
-
-def draw(pictures: Mapping[str, np.ndarray], path: Path) -> None:
-    """What the passes show, and how far from the exact Fresnel each pixel is."""
-    height, width, _ = next(iter(pictures.values())).shape
-    wide, gap, top, left = 2.62, 0.06, 0.3, 0.25
-    tall = wide * height / width
-    with style.styled():
-        total = (left + 3 * wide + 2 * gap + 0.02, top + 4 * tall + 3 * gap + 0.52)
-        figure = style.figure(*total)
-
-        def axes(column: int, row: int) -> Any:
-            x = left + column * (wide + gap)
-            y = top + row * (tall + gap)
-            box = (x / total[0], 1.0 - (y + tall) / total[1], wide / total[0], tall / total[1])
-            made = figure.add_axes(box)
-            made.set_axis_off()
-            return made
-
-        def write(x: float, y: float, text: str, **options: Any) -> None:
-            centred = {"ha": "center", "va": "center"}
-            figure.text(x / total[0], 1.0 - y / total[1], text, **centred | options)
-
-        mappable = None
-        titles = ("exact Fresnel", "Schlick", "four terms")
-        for column, title in enumerate(titles):
-            write(left + column * (wide + gap) + 0.5 * wide, 0.5 * top, title, size=9.5)
-            for i, kind in enumerate(("uniform", "textured")):
-                exact, picture = (pictures[f"{t.split()[0]}, {kind}"] if t.startswith("exact")
-                                  else pictures[f"{t}, {kind}"]
-                                  for t in ("exact", title))  # fmt: skip
-                axes(column, 2 * i).imshow(display(picture, EXPOSURE), vmin=0, vmax=1)
-                if column == 0:
-                    continue
-                difference = delta_e(exact, picture, EXPOSURE)
-                panel = axes(column, 2 * i + 1)
-                mappable = panel.imshow(difference, cmap=style.SEQUENTIAL, vmin=0, vmax=10.0)
-                mean = f"mean ΔE$_{{00}}$ {difference.mean():.2f}"
-                panel.text(
-                    0.985,
-                    0.05,
-                    mean,
-                    transform=panel.transAxes,
-                    ha="right",
-                    va="bottom",
-                    color="white",
-                    size=8,
-                    bbox={"boxstyle": "round,pad=0.25", "fc": "#000000a0", "ec": "none"},
-                )
-        for i, kind in enumerate(("one material: the talk's edge tint", "textures of six metals")):
-            y = top + (2 * i + 1) * tall + (2 * i + 0.5) * gap
-            write(0.5 * left, y, kind, rotation=90, size=9.0)
-            write(left + 0.5 * wide, top + (2 * i + 1.5) * tall + (2 * i + 1) * gap,
-                  "ΔE$_{00}$ from the exact Fresnel →", size=8.5, color="#606060")  # fmt: skip
-        y = total[1] - 0.42
-        box = ((left + wide + gap) / total[0], 1.0 - (y + 0.09) / total[1],
-               (2 * wide + gap) / total[0], 0.09 / total[1])  # fmt: skip
-        bar = figure.colorbar(
-            mappable, cax=figure.add_axes(box), orientation="horizontal", extend="max",
-            extendfrac=0.02, ticks=range(0, 11, 2),
-        )  # fmt: skip
-        bar.set_label("ΔE$_{00}$", size=8, labelpad=1)
-        bar.ax.tick_params(labelsize=7.5)
-        bar.ax.grid(False)
-        bar.outline.set_linewidth(0.5)
-        style.save(figure, path, dpi=160)
-
-
 # --- command line --------------------------------------------------------------------------------
 
 
@@ -520,7 +279,7 @@ def resumed(path: Path) -> tuple[Times, list[str]]:
     return {name: [] for name in names}, []
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@script()
 @click.option("--variant", help="cuda_ad_rgb or llvm_ad_rgb.  [default: the first that works here]")
 @click.option("--rounds", default=31, show_default=True, type=click.IntRange(7))
 @click.option("--width", type=click.IntRange(16), help=f"[default: {CLAIM[0]}]")
@@ -532,11 +291,7 @@ def resumed(path: Path) -> tuple[Times, list[str]]:
     type=click.Path(path_type=Path),
     help="Folder for the results, VARIANT-SIZE-HASH.json.  [default: out/bench_gpu]",
 )
-@click.option(
-    "--page",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Also put the tables into this Markdown file.",
-)
+@page_option(*MARKS.values())
 @click.option("--figure", type=click.Path(path_type=Path), help="Also draw this picture.")
 def bench(
     variant: str | None,
@@ -630,13 +385,5 @@ def bench(
         click.echo(f"Wrote {figure}", err=True)
 
 
-def main() -> None:
-    """Run and exit: 0 done, 1 failed, 2 bad input, 130 interrupted."""
-    doctor.prepare()  # before anything imports Dr.Jit
-    run_and_exit(
-        bench, None, "bench_gpu.py", "Interrupted. The same command goes on from finished rounds."
-    )
-
-
 if __name__ == "__main__":
-    main()
+    main(bench, interrupted="Interrupted. The same command goes on from finished rounds.")

@@ -15,7 +15,6 @@ import json
 import os
 import platform
 import re
-import statistics
 import subprocess
 import sys
 from pathlib import Path
@@ -25,12 +24,13 @@ import click
 from rich.console import Console
 from rich.progress import Progress
 
-from _markdown import insert, markdown
-from fresnel_decomp._command import run_and_exit
+from _command_line import json_option, main, page_option, script
+from _markdown import insert, markdown, marks
 from fresnel_decomp._files import write_json
+from fresnel_decomp._spread import median_and_spread
 from fresnel_decomp.machine import processor
 
-MARKS = ("<!-- import times -->\n", "<!-- end of import times -->\n")
+MARKS = marks("import times")
 LIMIT_S = 0.3
 HEAVY = ("mitsuba", "drjit", "colour", "matplotlib", "scipy", "numpy")
 PREPARED = "from fresnel_decomp import doctor; doctor.prepare()"
@@ -95,23 +95,19 @@ def slowest(count: int = 5) -> list[dict[str, Any]]:
     return sorted(rows[first : last + 1], key=lambda row: -row["own_us"])[:count]
 
 
-def spread(values: list[float]) -> tuple[float, float]:
-    """Median, and half the distance between the quartiles."""
-    low, middle, high = statistics.quantiles(values, n=4, method="inclusive")
-    return middle, 0.5 * (high - low)
-
-
 def report(results: dict[str, Any]) -> str:
     """Markdown."""
     rows = []
     for statement, runs in results["statements"].items():
         cells = []
         for clock in ("wall", "cpu"):
-            middle, half = spread([1e3 * run[clock] for run in runs])
+            middle, half = median_and_spread([1e3 * run[clock] for run in runs])
             cells.append(f"{middle:.0f} ± {half:.0f}")
         rows.append([f"`{statement}`", *cells, ", ".join(runs[0]["heavy"]) or "none"])
     table = markdown(("fresh interpreter", "ms by the clock", "ms of the processor", "heavy"), rows)
-    wall, _ = spread([run["wall"] for run in results["statements"]["import fresnel_decomp"]])
+    wall, _ = median_and_spread(
+        [run["wall"] for run in results["statements"]["import fresnel_decomp"]]
+    )
     verdict = "met" if wall <= LIMIT_S else "missed"
     listed = ", ".join(f"`{r['module']}` {r['own_us'] / 1e3:.1f}" for r in results["slowest"])
     return (
@@ -121,14 +117,10 @@ def report(results: dict[str, Any]) -> str:
     )
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@script()
 @click.option("--rounds", default=15, show_default=True, type=click.IntRange(5))
-@click.option("--out", type=click.Path(path_type=Path), help="Also write this JSON file.")
-@click.option(
-    "--page",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Also put the table into this Markdown file.",
-)
+@json_option
+@page_option(MARKS)
 def bench(rounds: int, out: Path | None, page: Path | None) -> None:
     """Import times of the package and its parts."""
     runs: dict[str, list[dict[str, Any]]] = {statement: [] for statement in STATEMENTS}
@@ -156,10 +148,5 @@ def bench(rounds: int, out: Path | None, page: Path | None) -> None:
         click.echo(f"Wrote {page}", err=True)
 
 
-def main() -> None:
-    """Run and exit: 0 done, 1 failed, 2 bad input, 130 interrupted."""
-    run_and_exit(bench, None, "bench_import.py", "Interrupted; nothing was written.")
-
-
 if __name__ == "__main__":
-    main()
+    main(bench)

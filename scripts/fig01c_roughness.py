@@ -11,7 +11,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from _figure import Figure, Job, commands, main
+from _figure import Figure, Job
+from _figure_commands import commands, main
 from _page import LABELS, Page, caption
 from _renders import MODELS, Case, read_case, render_cases
 from fresnel_decomp.report import style
@@ -67,5 +68,7 @@ FIGURE = Figure(
     size=256,
 )
 
+command = commands(FIGURE)
+
 if __name__ == "__main__":
-    main(commands(FIGURE))
+    main(command)

@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from _figure import Figure, Job, commands, main, read_sidecar, read_table, write_table
+from _figure import Figure, Job, read_sidecar, read_table, write_table
+from _figure_commands import commands, main
 from _page import Page
 from fresnel_decomp import Gulbrandsen, LinearTint, convert, delta_e_2000, load_basis
 from fresnel_decomp.images import read_exr, write_exr
@@ -170,5 +171,7 @@ FIGURE = Figure(
     size=240,
 )
 
+command = commands(FIGURE)
+
 if __name__ == "__main__":
-    main(commands(FIGURE))
+    main(command)

@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 import fresnel_decomp
-from _figure import ROOT, main, shown
+from _command_line import ROOT, main, script, shown
 from fresnel_decomp import __version__
 from fresnel_decomp._files import writable_folder, write_json
 from fresnel_decomp.ltc import LEAST_ALPHA, LobeTable
@@ -33,7 +33,7 @@ DATA = Path(fresnel_decomp.__file__).parent / "data"
 PARTS = ROOT / "out" / "ltc"
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@script()
 @click.option("--smith", type=click.Choice(SMITH), default="separable", show_default=True)
 @click.option("--size", type=click.IntRange(2, 256), default=64, show_default=True)
 @click.option("--nodes", type=click.IntRange(16), default=NODES, show_default=True)
@@ -113,4 +113,4 @@ def finished(path: Path, settings: dict[str, Any]) -> dict[str, Any] | None:
 
 
 if __name__ == "__main__":
-    main(fit)
+    main(fit, interrupted="Interrupted. The same command goes on from finished columns.")

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import click
 
-from _figure import PICTURES, ROOT, main
+from _command_line import ROOT, main, script
+from _figure import PICTURES
 from fresnel_decomp._check import input_error
 from fresnel_decomp._files import write_text
 from reproduce import FIGURES
@@ -155,7 +156,7 @@ def text(found: list[Entry]) -> str:
     return "\n".join(parts)
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@script()
 @click.option("--check", "only_check", is_flag=True, help="Write nothing.")
 def gallery(only_check: bool) -> None:
     """Write docs/gallery.md: every picture with its command."""

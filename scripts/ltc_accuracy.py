@@ -13,17 +13,19 @@ correlated Smith, and are compared with our own fit to that.
 
 from __future__ import annotations
 
-import argparse
 import re
 from pathlib import Path
 
+import click
 import numpy as np
 
-from _markdown import insert, markdown, page_with
+from _command_line import main, page_option, script
+from _markdown import insert, markdown, marks
+from fresnel_decomp._check import input_error
 from fresnel_decomp.ltc import Lobe, load_lobes
 from fresnel_decomp.ltc_fit import Samples, fit_column, lobe_samples
 
-MARKS = "<!-- ltc accuracy -->\n", "<!-- end of ltc accuracy -->"
+MARKS = marks("ltc accuracy")
 ROUGHNESSES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
 COSINES = (0.9, 0.7, 0.5, 0.3, 0.15)
 LIGHTS = 600
@@ -75,7 +77,7 @@ def read_published(path: Path) -> list[np.ndarray]:
     for name in ("LTC_MAT_1", "LTC_MAT_2"):
         found = re.search(rf"{name}\s*=\s*\[(.*?)\]", text, re.S)
         if found is None:
-            raise SystemExit(f"'{path}' has no {name}")
+            raise input_error(f"'{path}' without {name}", "the file of three.js", "See --help.")
         numbers = re.sub(r"\s", "", found.group(1)).split(",")
         textures.append(np.array([float(n) for n in numbers if n]).reshape(64, 64, 4))
     return textures
@@ -133,30 +135,34 @@ def measure(
     return rows, *(np.mean(values, axis=0).tolist() for values in (everything, steep, wrong))
 
 
-def main(arguments: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--published", type=Path, help="RectAreaLightUniformsLib.js of three.js")
-    parser.add_argument("--page", type=page_with(MARKS), help="write the tables into this page")
-    options = parser.parse_args(arguments)
+@script()
+@click.option(
+    "--published",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="RectAreaLightUniformsLib.js of three.js.",
+)
+@page_option(MARKS)
+def accuracy(published: Path | None, page: Path | None) -> None:
+    """How near linearly transformed cosines are to GGX under lights of all places and sizes."""
     head = ["perceptual roughness", *(f"μ = {mu:g}" for mu in COSINES)]
     parts = []
-    for smith, published in (("separable", None), ("correlated", options.published)):
-        if smith == "correlated" and published is None:
+    for smith, others in (("separable", None), ("correlated", published)):
+        if smith == "correlated" and others is None:
             continue
-        rows, *means = measure(smith, published)
+        rows, *means = measure(smith, others)
         parts.append(markdown([f"error in %, {smith} Smith", *head[1:]], rows))
         mean, steep, wrong = (
             " / ".join(f"{100.0 * value:.1f}" for value in values) for values in means
         )
         parts.append(
-            f"Mean: {mean} %{' (ours / published)' if published else ''}; of μ ≥ 0.5: {steep} %; "
+            f"Mean: {mean} %{' (ours / published)' if others else ''}; of μ ≥ 0.5: {steep} %; "
             f"mean share of light that goes the wrong way, half the integral of |f − D|: {wrong} %."
         )
     text = "\n\n".join(parts)
-    print(text)
-    if options.page is not None:
-        insert(options.page, f"\n{text}", MARKS)
+    click.echo(text)
+    if page:
+        insert(page, text, MARKS)
 
 
 if __name__ == "__main__":
-    main()
+    main(accuracy)

@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.status import Status
 
 import fresnel_decomp
+from _command_line import main, script
 from fresnel_decomp import RECIPES, extract_basis
 from fresnel_decomp._files import write_json
 from fresnel_decomp.regression import Design, least_largest_error, regress
@@ -32,11 +33,11 @@ DATA = Path(fresnel_decomp.__file__).parent / "data"
 TERMS = (3, 4, 5, 6)
 
 
-@click.command()
+@script()
 @click.argument("recipes", nargs=-1, type=click.Choice(list(RECIPES)))
 @click.option("--terms", type=click.IntRange(3, 6), help="Only this number (default: all).")
 @click.option("--search", is_flag=True, help="Search for nodes and poles; write nothing.")
-def main(recipes: tuple[str, ...], terms: int | None, search: bool) -> None:
+def extraction(recipes: tuple[str, ...], terms: int | None, search: bool) -> None:
     """Extract RECIPES (default: all) with 3 to 6 terms."""
     for recipe in recipes or (REGRESSION_RECIPES if search else RECIPES):
         for count in TERMS if terms is None else (terms,):
@@ -95,4 +96,4 @@ def describe(recipe: RegressionRecipe, terms: int, design: Design) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    main(extraction)

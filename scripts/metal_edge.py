@@ -11,14 +11,15 @@ the one that it is tried on. With --write the fit to all of them goes into the p
 
 from __future__ import annotations
 
-import argparse
 import functools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
+import click
 import numpy as np
 
 import fresnel_decomp
+from _command_line import main, script
 from _markdown import markdown
 from fresnel_decomp import F82, delta_e_2000, gulbrandsen_to_ior, load_basis, load_material
 from fresnel_decomp import metallic as shipped
@@ -243,11 +244,11 @@ def tables() -> dict[str, str]:
     }
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true", help="write the fit into the package")
-    options = parser.parse_args(arguments)
-    if options.write:
+@script()
+@click.option("--write", is_flag=True, help="Write the fit into the package.")
+def metal_edge(write: bool) -> None:
+    """From a base colour to the curve of a metal: the fit that ships, beside other ways."""
+    if write:
         fitted = fit(METALS)
         columns = {name: getattr(fitted, name).round(6).tolist() for name in ("u", "v")}
         write_json(
@@ -262,8 +263,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             },
         )
         shipped.load_metal_edge.cache_clear()
-    print("\n\n".join(tables().values()))
+    click.echo("\n\n".join(tables().values()))
 
 
 if __name__ == "__main__":
-    main()
+    main(metal_edge)

@@ -11,25 +11,26 @@ noise is how much that differs between two seeds. Scenes that are finished are n
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from _markdown import insert, markdown, page_with
+from _command_line import json_option, main, page_option, script
+from _markdown import insert, markdown, marks
 from fresnel_decomp import __version__, doctor
 from fresnel_decomp._files import writable_folder, write_json
 from fresnel_decomp.images import read_exr, write_exr
 
 BOUNDS = (0.02, 0.005, 0.001)
 METALS = ("gold", "aluminium")
-MARKS = ("<!-- plans -->\n", "<!-- end of plans -->\n")
+MARKS = marks("plans")
 
 
 @dataclass(frozen=True)
@@ -139,45 +140,58 @@ def which_metal(loaded: Any, described: dict[str, Any]) -> np.ndarray:
     return found
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--bounds", nargs="+", type=float, default=list(BOUNDS))
-    parser.add_argument("--light", choices=("sky", "point"), default="sky")
-    parser.add_argument("--variant", default="llvm_ad_rgb")
-    parser.add_argument("--size", type=int, default=384, help="width in pixels")
-    parser.add_argument("--spp", type=int, default=256)
-    parser.add_argument("--folder", type=Path, default=Path("out/plans"), help="of the renders")
-    parser.add_argument(
-        "--page", type=page_with(MARKS), help="replace the table between the marks of a page"
-    )
-    parser.add_argument("--picture", type=Path, help="draw a picture")
-    parser.add_argument("--out", type=Path, help="also write the numbers to this JSON file")
-    options = parser.parse_args(arguments)
-    doctor.prepare()
-    doctor.require_variant(options.variant)
+@dataclass(frozen=True)
+class Settings:
+    """What is planned and rendered."""
+
+    bounds: tuple[float, ...]
+    light: str
+    variant: str
+    size: int
+    spp: int
+    folder: Path
+
+
+@script()
+@click.option(
+    "--bounds", multiple=True, type=float, default=BOUNDS, show_default=True, help="Repeatable."
+)
+@click.option("--light", type=click.Choice(("sky", "point")), default="sky", show_default=True)
+@click.option("--variant", default="llvm_ad_rgb", show_default=True)
+@click.option("--size", default=384, show_default=True, help="Width in pixels.")
+@click.option("--spp", default=256, show_default=True)
+@click.option(
+    "--folder", type=click.Path(path_type=Path), default="out/plans", help="Of the renders."
+)
+@page_option(MARKS)
+@click.option("--picture", type=click.Path(path_type=Path), help="Also draw a picture.")
+@json_option
+def plans(page: Path | None, picture: Path | None, out: Path | None, **given: Any) -> None:
+    """A studio, planned at several bounds and checked by rendering."""
+    settings = Settings(**given)
+    doctor.require_variant(settings.variant)
     import mitsuba as mi
 
-    mi.set_variant(options.variant)
+    mi.set_variant(settings.variant)
     with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("plans", total=2.0 * (2 + len(options.bounds)))
-        rows, images = study(options, lambda: progress.advance(task))
+        task = progress.add_task("plans", total=2.0 * (2 + len(settings.bounds)))
+        rows, images = study(settings, lambda: progress.advance(task))
     text = table(rows)
-    print(text)
     broken = violations(rows)
-    print(*broken, sep="\n")
-    if options.page:
-        insert(options.page, text, MARKS)
-    if options.picture:
-        draw(images, options.picture)
-    if options.out:
+    click.echo("\n".join([text, *broken]))
+    if page:
+        insert(page, text, MARKS)
+    if picture:
+        draw(images, picture)
+    if out:
         write_json(
-            options.out,
+            out,
             {
                 "fresnel_decomp": __version__,
-                "variant": options.variant,
-                "light": options.light,
-                "size": options.size,
-                "spp": options.spp,
+                "variant": settings.variant,
+                "light": settings.light,
+                "size": settings.size,
+                "spp": settings.spp,
                 "rows": [asdict(row) for row in rows],
             },
         )
@@ -199,20 +213,22 @@ def violations(rows: Sequence[Row]) -> list[str]:
     return found
 
 
-def study(options: argparse.Namespace, advance: Any) -> tuple[list[Row], dict[str, np.ndarray]]:
+def study(settings: Settings, advance: Any) -> tuple[list[Row], dict[str, np.ndarray]]:
     """Plan, render and compare."""
     import mitsuba as mi
 
     from fresnel_decomp.mitsuba.scene_plan import plan_scene
 
-    folder = writable_folder(options.folder)
-    described = scene(options.size, options.spp, options.light)
+    folder = writable_folder(settings.folder)
+    described = scene(settings.size, settings.spp, settings.light)
 
     def render(name: str, make: Any, seed: int) -> np.ndarray:
-        about = f"{described} {options.spp} {seed} {options.variant} {mi.__version__} {__version__}"
+        about = (
+            f"{described} {settings.spp} {seed} {settings.variant} {mi.__version__} {__version__}"
+        )
         path = folder / f"{name}-{hashlib.sha256(about.encode()).hexdigest()[:16]}.exr"
         if not path.is_file():
-            image = np.array(mi.render(make(), spp=options.spp, seed=seed))
+            image = np.array(mi.render(make(), spp=settings.spp, seed=seed))
             write_exr(path, image[..., :3], {"software": f"fresnel_decomp {__version__}"})
         advance()
         return read_exr(path).astype(np.float64)
@@ -222,7 +238,7 @@ def study(options: argparse.Namespace, advance: Any) -> tuple[list[Row], dict[st
     exact = [render("exact", lambda: loaded, seed) for seed in (0, 1)]
     white = [render("white", lambda: mi.load_dict(mirrors(described)), seed) for seed in (0, 1)]
     rows, images = [], {"exact": exact[0]}
-    for bound in options.bounds:
+    for bound in settings.bounds:
         planned = plan_scene(described, bound)
         plan, basis = planned.plan, planned.plan.basis
         content = "".join(f"{c.model} {c.surface.eta} {c.coefficients}" for c in plan.choices)
@@ -295,4 +311,4 @@ def draw(images: dict[str, np.ndarray], path: Path) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(plans, interrupted="Interrupted. The same command goes on from finished renders.")

@@ -13,21 +13,20 @@ how many channels exceed 1 at some angle, and what clamping costs those.
 
 from __future__ import annotations
 
-import argparse
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
-from _markdown import insert, markdown, page_with
-from accuracy_table import SETS as ACCURACY_SETS
-from accuracy_table import TERMS
+from _command_line import json_option, main, page_option, script
+from _markdown import insert, markdown, marks
 from fresnel_decomp import (
     RECIPES,
     Basis,
@@ -41,6 +40,7 @@ from fresnel_decomp import (
     load_material,
 )
 from fresnel_decomp._files import write_json
+from fresnel_decomp.accuracy import SETS as ACCURACY_SETS
 
 
 def total_reflection() -> CurveSet:
@@ -53,7 +53,7 @@ def total_reflection() -> CurveSet:
 SETS: dict[str, Callable[[], CurveSet]] = {**ACCURACY_SETS, "tir": total_reflection}
 ROUNDING = 1e-9
 CHUNK = 256
-MARKS = ("<!-- range tables -->\n", "<!-- end of range tables -->\n")
+MARKS = marks("range tables")
 
 Array = NDArray[np.float64]
 
@@ -83,38 +83,40 @@ class Range:
     """Least and largest change of the cosine-weighted average by clamping."""
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS))
-    parser.add_argument("--terms", nargs="+", type=int, choices=TERMS, default=[4])
-    parser.add_argument(
-        "--page", type=page_with(MARKS), help="replace the tables between the marks of a page"
-    )
-    parser.add_argument("--out", type=Path, help="also write the numbers to this JSON file")
-    options = parser.parse_args(arguments)
-    chosen = {name: SETS[name]() for name in options.sets}
-    bases = [(recipe, terms) for recipe in RECIPES for terms in options.terms]
+@script()
+@click.option(
+    "--sets", multiple=True, type=click.Choice(list(SETS)), help="Repeatable.  [default: all]"
+)
+@click.option("--terms", multiple=True, type=click.IntRange(3, 6), default=(4,), help="Repeatable.")
+@page_option(MARKS)
+@json_option
+def ranges(
+    sets: tuple[str, ...], terms: tuple[int, ...], page: Path | None, out: Path | None
+) -> None:
+    """How far fitted reflectances leave [0, 1], and what clamping them would do."""
+    chosen = {name: SETS[name]() for name in sets or SETS}
+    bases = [(recipe, count) for recipe in RECIPES for count in terms]
     results: dict[tuple[str, int, str], Range] = {}
     with Progress(console=Console(stderr=True), transient=True) as progress:
         total = len(bases) * sum(map(len, chosen.values()))
         task = progress.add_task("ranges", total=total)
-        for recipe, terms in bases:
+        for recipe, count in bases:
             for name, curve_set in chosen.items():
                 advance = functools.partial(progress.advance, task)
-                results[recipe, terms, name] = measure(
-                    load_basis(recipe, terms), curve_set, advance
+                results[recipe, count, name] = measure(
+                    load_basis(recipe, count), curve_set, advance
                 )
     found = colours()
     text = f"{range_table(results)}\n\n{clamp_table(results)}\n\n{colour_table(found)}"
-    print(text)
-    if options.page:
-        insert(options.page, text, MARKS)
-    if options.out:
+    click.echo(text)
+    if page:
+        insert(page, text, MARKS)
+    if out:
         rows = [
-            {"recipe": recipe, "terms": terms, "set": name, **asdict(result)}
-            for (recipe, terms, name), result in results.items()
+            {"recipe": recipe, "terms": count, "set": name, **asdict(result)}
+            for (recipe, count, name), result in results.items()
         ]
-        write_json(options.out, {"fresnel_decomp": __version__, "ranges": rows, "colours": found})
+        write_json(out, {"fresnel_decomp": __version__, "ranges": rows, "colours": found})
 
 
 def measure(basis: Basis, curve_set: CurveSet, advance: Callable[[int], Any]) -> Range:
@@ -208,4 +210,4 @@ def colour_table(found: list[dict[str, Any]]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    main(ranges)

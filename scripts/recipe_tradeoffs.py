@@ -18,16 +18,17 @@ from pathlib import Path
 import click
 import numpy as np
 
+from _command_line import HELP, ROOT, main
 from _markdown import markdown
 from _page import GREY, Page
-from accuracy_table import SETS, TERMS
 from fresnel_decomp import CurveSet, curves, gulbrandsen_to_ior
+from fresnel_decomp.accuracy import SETS, TERMS
 from fresnel_decomp.regression import Regression, Training, regress
 from fresnel_decomp.regression_recipes import REGRESSION_RECIPES
 from fresnel_decomp.report import style
 from fresnel_decomp.spectra import list_materials
 
-PICTURE = Path(__file__).resolve().parents[1] / "docs" / "figures" / "recipes.png"
+PICTURE = ROOT / "docs" / "figures" / "recipes.png"
 TITLES = {
     "a": "a: dielectrics",
     "cp": "cp: reflectivity and edge tint",
@@ -36,12 +37,12 @@ TITLES = {
 }
 
 
-@click.group()
-def main() -> None:
+@click.group(context_settings=HELP)
+def tradeoffs() -> None:
     """Trade-offs between recipes."""
 
 
-@main.command()
+@tradeoffs.command()
 @click.argument("errors", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), default=PICTURE)
 def figure(errors: Path, out: Path) -> None:
@@ -89,7 +90,7 @@ def figure(errors: Path, out: Path) -> None:
     click.echo(f"Wrote {out}")
 
 
-@main.command()
+@tradeoffs.command()
 @click.option("--terms", type=click.IntRange(3, 6), multiple=True, default=(4, 5))
 def held_out(terms: tuple[int, ...]) -> None:
     """Print errors on what was not trained on."""
@@ -147,4 +148,4 @@ def cell(regression: Regression, members: CurveSet) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    main(tradeoffs)

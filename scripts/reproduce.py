@@ -26,18 +26,9 @@ import inverse_study
 import principled_study
 import split_sum_study
 import table_study
-from _figure import (
-    DATA,
-    PICTURES,
-    QUICK_DATA,
-    Figure,
-    compute,
-    draw,
-    is_drawn,
-    main,
-    say_if_reduced,
-    shown,
-)
+from _command_line import script, shown
+from _figure import Figure, compute, draw, is_drawn
+from _figure_commands import computing, folders, main, say_if_reduced
 from fresnel_decomp._check import choose
 from fresnel_decomp._files import writable_folder
 
@@ -77,19 +68,11 @@ def select(names: Sequence[str]) -> list[Figure]:
     return [figure for name, figure in FIGURES.items() if not names or name in chosen]
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@script()
 @click.option("--list", "listing", is_flag=True, help="List the figures and stop.")
 @click.option("--only", multiple=True, metavar="NAME...", help="Figures whose names start so.")
 @click.argument("more", nargs=-1, metavar="")
-@click.option("--quick", is_flag=True, help="Tiny images, to see that everything runs.")
-@click.option("--force", is_flag=True, help="Compute again what is finished.")
-@click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Folder for data and pictures.  [default: out/figures and docs/figures; "
-    "with --quick out/figures-quick]",
-)
+@computing()
 def reproduce(
     listing: bool,
     only: tuple[str, ...],
@@ -105,8 +88,7 @@ def reproduce(
         for figure in figures:
             click.echo(f"{figure.name:<20}{figure.minutes:4.1f} min  {figure.title}")
         return
-    data = out or (QUICK_DATA if quick else DATA)
-    pictures = data if out or quick else PICTURES
+    data, pictures = folders(quick, out)
     for folder in (data, pictures):
         writable_folder(folder)
     if any(figure.scene for figure in figures):

@@ -15,16 +15,17 @@ another seed. Colour differences are CIEDE2000, weighted by area of the picture.
 
 from __future__ import annotations
 
-import argparse
 import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
+from _command_line import json_option, main, script
 from _markdown import markdown
 from fresnel_decomp import RECIPES, delta_e_2000, doctor
 from fresnel_decomp._files import write_json
@@ -36,16 +37,13 @@ RINGS = 24
 Array = np.ndarray
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--metals", nargs="+", default=list(METALS))
-    parser.add_argument("--alpha", type=float, default=0.1)
-    parser.add_argument("--spp", type=int, default=4096, help="a square, for stratification")
-    parser.add_argument("--out", type=Path, help="also write a .json file")
-    options = parser.parse_args(arguments)
-    if options.out and options.out.suffix != ".json":
-        parser.error(f"--out {options.out}: accepted is a file that ends in .json")
-    doctor.prepare()
+@script()
+@click.option("--metals", multiple=True, default=METALS, show_default=True, help="Repeatable.")
+@click.option("--alpha", type=float, default=0.1, show_default=True)
+@click.option("--spp", default=4096, show_default=True, help="A square, for stratification.")
+@json_option
+def renders(metals: tuple[str, ...], alpha: float, spp: int, out: Path | None) -> None:
+    """Renders of metals in RGB against renders of their whole spectra."""
     for variant in ("llvm_ad_spectral", "llvm_ad_rgb"):
         doctor.require_variant(variant)
     with Progress(console=Console(stderr=True), transient=True) as progress:
@@ -54,10 +52,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         def report(done: int, count: int) -> None:
             progress.update(task, completed=done, total=count)
 
-        results = measure(options.metals, options.alpha, options.spp, report)
-    print(table(results))
-    if options.out:
-        write_json(options.out, {"alpha": options.alpha, "spp": options.spp, "results": results})
+        results = measure(metals, alpha, spp, report)
+    click.echo(table(results))
+    if out:
+        write_json(out, {"alpha": alpha, "spp": spp, "results": results})
 
 
 def bsdfs(metal: str) -> dict[str, tuple[str, dict[str, Any]]]:
@@ -178,4 +176,4 @@ def table(results: dict[str, dict[str, dict[str, float]]]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    main(renders)

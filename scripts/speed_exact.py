@@ -22,27 +22,28 @@ quartiles. Times are those of the kernels, as Dr.Jit's history has them.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
-from _markdown import insert, markdown, page_with
+from _command_line import json_option, main, page_option, script
+from _markdown import insert, markdown, marks
 from fresnel_decomp import conductor, dielectric, doctor
+from fresnel_decomp._check import input_error
 from fresnel_decomp._files import write_json
-from speed_table import about, describe
 
 Array = NDArray[np.float64]
 Run = Callable[[], Any]
 
-MARKS = ("<!-- tables -->\n", "<!-- end of tables -->\n")
-COUNT_MARKS = ("<!-- counts -->\n", "<!-- end of counts -->\n")
+MARKS = marks("tables")
+COUNT_MARKS = marks("counts")
 INDEX = (1.5, 2.0)
 """eta and k of the one material."""
 MODES = ("backward", "forward")
@@ -52,6 +53,17 @@ TARGETS = {
     "value and gradient": {"native": 1.0},
 }
 """Largest ratio wanted, by the beginning of a kernel's name and by precision."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How much is measured."""
+
+    variant: str
+    rounds: int
+    points: int
+    elements: int
+    turns: int
 
 
 @dataclass(frozen=True)
@@ -158,16 +170,14 @@ def check(candidates: Sequence[Function], size: int = 20_000) -> None:
                 raise RuntimeError(f"a derivative of {function.name} is off")
 
 
-def kernels(
-    candidates: Sequence[Function], options: argparse.Namespace
-) -> dict[str, dict[str, Run]]:
+def kernels(candidates: Sequence[Function], settings: Settings) -> dict[str, dict[str, Run]]:
     """For each kind of kernel and each function, what runs it."""
     import drjit as dr
     import mitsuba as mi
 
     from fresnel_decomp.mitsuba.workloads import compute_bound, streaming
 
-    many, few = arguments_of(options.points), arguments_of(options.elements)[0]
+    many, few = arguments_of(settings.points), arguments_of(settings.elements)[0]
     one = [dr.opaque(mi.Float, value) for value in INDEX]
 
     def on_one_material(function: Function) -> Callable[[Any], Any]:
@@ -181,7 +191,7 @@ def kernels(
         "streaming, index from memory": lambda f: streaming(
             lambda cosine: f.run(cosine, *many[1 : 1 + f.arity]), many[0]
         ),
-        "compute-bound": lambda f: compute_bound(on_one_material(f), mi.Float, few, options.turns),
+        "compute-bound": lambda f: compute_bound(on_one_material(f), mi.Float, few, settings.turns),
         "value and gradient, backward": lambda f: gradient(f, "backward"),
         "value and gradient, forward": lambda f: gradient(f, "forward"),
     }
@@ -189,21 +199,21 @@ def kernels(
 
 
 def summary(
-    times: dict[str, dict[str, list[float]]], options: argparse.Namespace
+    times: dict[str, dict[str, list[float]]], settings: Settings
 ) -> dict[str, dict[str, Cell]]:
     """By function and kind; the base is the first function of each kind."""
+    from fresnel_decomp.mitsuba.timing import ratio_and_spread
     from fresnel_decomp.mitsuba.workloads import UNROLL
 
     results: dict[str, dict[str, Cell]] = {}
     for kind, by_name in times.items():
-        base = np.array(next(iter(by_name.values())))
-        count = options.points
+        base = next(iter(by_name.values()))
+        count = settings.points
         if kind.startswith("compute"):
-            count = options.elements * options.turns * UNROLL
+            count = settings.elements * settings.turns * UNROLL
         for name, milliseconds in by_name.items():
-            low, ratio, high = np.percentile(np.array(milliseconds) / base, [25, 50, 75])
             nanoseconds = 1e6 * float(np.median(milliseconds)) / count
-            cell = Cell(float(ratio), float(high - low) / 2.0, nanoseconds)
+            cell = Cell(*ratio_and_spread(milliseconds, base), nanoseconds)
             results.setdefault(name, {})[kind] = cell
     return results
 
@@ -276,70 +286,81 @@ def count_table(rows: Sequence[dict[str, Any]]) -> str:
     return markdown(["operations", *list(rows[0])[1:]], lines)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--variant", default="llvm_ad_rgb", help="an llvm_ad or cuda_ad variant")
-    parser.add_argument("--rounds", type=int, default=21, help="at least 9")
-    parser.add_argument("--points", type=int, default=10_000_000, help="evaluations, streaming")
-    parser.add_argument("--elements", type=int, default=65_536, help="elements, compute-bound")
-    parser.add_argument("--turns", type=int, default=19, help="of the compute-bound loop")
-    parser.add_argument("--threads", type=int, help="of the LLVM backend; default: all")
-    parser.add_argument("--out", type=Path, help="also write the numbers to this JSON file")
-    parser.add_argument(
-        "--page", type=page_with(MARKS), help="also put the tables into this Markdown file"
-    )
-    options = parser.parse_args(arguments)
-    if options.rounds < 9:
-        parser.error(f"--rounds {options.rounds}: accepted are 9 and more; a median needs them")
-    if options.variant.startswith("scalar"):
-        parser.error("--variant: scalar ones have no kernels; accepted are llvm_ad_*, cuda_ad_*")
-    doctor.prepare()
-    doctor.require_variant(options.variant)
+@script()
+@click.option("--variant", default="llvm_ad_rgb", show_default=True, help="Of LLVM or CUDA.")
+@click.option("--rounds", default=21, show_default=True, type=click.IntRange(9))
+@click.option("--points", default=10_000_000, show_default=True, help="Evaluations, streaming.")
+@click.option("--elements", default=65_536, show_default=True, help="Of compute-bound kernels.")
+@click.option("--turns", default=19, show_default=True, help="Of the compute-bound loop.")
+@click.option("--threads", type=int, help="Of the LLVM backend.  [default: all]")
+@page_option(MARKS, COUNT_MARKS)
+@json_option
+def speed(threads: int | None, page: Path | None, out: Path | None, **given: Any) -> None:
+    """Speed of the exact equations, relative to Mitsuba's own functions in the same run."""
+    settings = Settings(**given)
+    if settings.variant.startswith("scalar"):
+        raise input_error(
+            f"variant '{settings.variant}'",
+            "an llvm_ad or cuda_ad variant",
+            "Scalar variants have no kernels to time; `fresnel-decomp doctor` says what works.",
+        )
+    doctor.require_variant(settings.variant)
     import drjit as dr
     import mitsuba as mi
 
-    mi.set_variant(options.variant)
-    if options.threads:
-        dr.set_thread_count(options.threads)
+    mi.set_variant(settings.variant)
+    if threads:
+        dr.set_thread_count(threads)
+    from fresnel_decomp.machine import describe_machine
     from fresnel_decomp.mitsuba.timing import interleaved_times
 
     families = functions()
     results = {}
     with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("timing", total=len(families) * (options.rounds + 2))
+        task = progress.add_task("timing", total=len(families) * (settings.rounds + 2))
         for base, candidates in families.items():
             check(candidates)
             times = interleaved_times(
-                kernels(candidates, options), options.rounds, lambda: progress.advance(task)
+                kernels(candidates, settings), settings.rounds, lambda: progress.advance(task)
             )
-            results[base] = summary(times, options)
-    facts = _facts(options)
+            results[base] = summary(times, settings)
+    facts = about(settings)
+    where = f"Medians of {settings.rounds} runs in {describe_machine(facts)}."
     times_text = "\n\n".join(
-        [*(table(*item) for item in results.items()), describe(facts), verdicts(results)]
+        [*(table(*item) for item in results.items()), where, verdicts(results)]
     )
-    counted = counts() if options.variant.startswith("llvm") else []
-    counts_text = count_table(counted) if counted else f"Not counted in {options.variant}."
-    print(f"{times_text}\n\n{counts_text}")
-    if options.out:
+    counted = counts() if settings.variant.startswith("llvm") else []
+    counts_text = count_table(counted) if counted else f"Not counted in {settings.variant}."
+    click.echo(f"{times_text}\n\n{counts_text}")
+    if out:
         rows = [
             {"function": name, "kernel": kind, "relative_to": base, **vars(cell)}
             for base, by_name in results.items()
             for name, cells in by_name.items()
             for kind, cell in cells.items()
         ]
-        write_json(options.out, {"about": facts, "results": rows, "operations": counted})
-    if options.page:
-        insert(options.page, times_text, MARKS)
+        write_json(out, {"about": facts, "results": rows, "operations": counted})
+    if page:
+        insert(page, times_text, MARKS)
         if counted:
-            insert(options.page, counts_text, COUNT_MARKS)
+            insert(page, counts_text, COUNT_MARKS)
 
 
-def _facts(options: argparse.Namespace) -> dict[str, Any]:
+def about(settings: Settings) -> dict[str, Any]:
     """Machine, versions and settings."""
-    options.recipe = None
-    facts = about(options) | {"what": "the exact equations alone", "index": INDEX}
-    return {name: fact for name, fact in facts.items() if name not in ("recipe", "indices")}
+    from fresnel_decomp.machine import machine_facts
+    from fresnel_decomp.mitsuba.workloads import UNROLL
+
+    return {
+        "what": "the exact equations alone",
+        **machine_facts(settings.variant),
+        "rounds": settings.rounds,
+        "points": settings.points,
+        "elements": settings.elements,
+        "evaluations_per_element": settings.turns * UNROLL,
+        "index": INDEX,
+    }
 
 
 if __name__ == "__main__":
-    main()
+    main(speed)

@@ -19,21 +19,15 @@ from typing import Any
 
 import click
 
-from _markdown import insert
+from _command_line import ROOT, main, page_option, script
+from _markdown import insert, marks
 from fresnel_decomp import doctor
 from fresnel_decomp._check import input_error
-from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import write_text
 from fresnel_decomp.cli import run_bench
 
-ROOT = Path(__file__).resolve().parents[1]
 FIGURES = ROOT / "docs" / "figures"
 STEM = "speed_vs_error"
-
-
-def marks(name: str) -> tuple[str, str]:
-    """Those between which a part of a page stands."""
-    return f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
 
 
 PAGE_PARTS = ("verdicts", "recipe table", "budgets", "costs", "errors", "tables")
@@ -65,7 +59,7 @@ def readme_texts(about: dict[str, Any], rows: list[dict[str, Any]]) -> dict[str,
     return {"speed against error": "\n\n".join(part for part in parts if part)}
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@script()
 @click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
 @click.option("--rounds", type=int, help="That count.  [default: 11; with --quick 3]")
 @click.option("--models", multiple=True, default=("*",), help="As for `fresnel-decomp bench`.")
@@ -77,8 +71,8 @@ def readme_texts(about: dict[str, Any], rows: list[dict[str, Any]]) -> dict[str,
     type=click.Path(path_type=Path),
     help="Folder for the results.  [default: out/bench; with --quick out/bench-quick]",
 )
-@click.option("--page", type=click.Path(path_type=Path, exists=True), help="Put tables there.")
-@click.option("--readme", type=click.Path(path_type=Path, exists=True), help="And there.")
+@page_option(*map(marks, PAGE_PARTS), text="Put tables there.")
+@page_option(*map(marks, README_PARTS), text="And there.", name="--readme")
 @click.option("--figures", type=click.Path(path_type=Path), default=FIGURES)
 @click.option(
     "--from",
@@ -86,7 +80,7 @@ def readme_texts(about: dict[str, Any], rows: list[dict[str, Any]]) -> dict[str,
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     help="Numbers of an earlier run, a CSV file with its JSON beside it; nothing is measured.",
 )
-def main(
+def speed_vs_error(
     variant: str | None,
     rounds: int | None,
     models: tuple[str, ...],
@@ -100,14 +94,11 @@ def main(
     source: Path | None,
 ) -> None:
     """Measure, draw, and write README and documentation."""
-    targets = [(page, PAGE_PARTS, page_texts), (readme, README_PARTS, readme_texts)]
-    pages = [path for path, _, _ in targets if path is not None]
-    for path, parts, _ in targets:  # before a long run
-        if path is not None:
-            _check_marks(path, parts)
-    if pages and source is None:
+    targets = [
+        (path, texts) for path, texts in ((page, page_texts), (readme, readme_texts)) if path
+    ]
+    if targets and source is None:
         _check_whole(models, rounds, quick)
-    doctor.prepare()
     from fresnel_decomp.bench import tables
     from fresnel_decomp.bench.figures import write_figures
 
@@ -119,7 +110,7 @@ def main(
         out = out or ROOT / "out" / ("bench-quick" if quick else "bench")
         run_bench(Settings.quick(**changes) if quick else Settings(**changes), out, force)
         source = out / f"{STEM}.csv"
-    if not pages:
+    if not targets:
         return
     # of the numbers in the file, so that pages can be checked against it
     rows = tables.read_csv(source)
@@ -136,11 +127,10 @@ def main(
         write_text(figures / f"{STEM}.csv", source.read_text(encoding="utf-8"))
         write_text(figures / f"{STEM}.json", json.dumps(about, indent=2) + "\n")
     write_figures(rows, figures, tables.about_line(about))
-    for path, _, texts in targets:
-        if path is not None:
-            for name, text in texts(about, rows).items():
-                insert(path, text, marks(name))
-            click.echo(f"Wrote {path}")
+    for path, texts in targets:
+        for name, text in texts(about, rows).items():
+            insert(path, text, marks(name))
+        click.echo(f"Wrote {path}")
 
 
 def _check_whole(models: tuple[str, ...], rounds: int | None, quick: bool) -> None:
@@ -156,15 +146,5 @@ def _check_whole(models: tuple[str, ...], rounds: int | None, quick: bool) -> No
         )
 
 
-def _check_marks(path: Path, parts: tuple[str, ...]) -> None:
-    text = path.read_text(encoding="utf-8")
-    for name in parts:
-        for mark in marks(name):
-            if text.count(mark) != 1:
-                raise input_error(
-                    f"'{path}' without the line '{mark.strip()}'", "it, once", "Add it."
-                )
-
-
 if __name__ == "__main__":
-    run_and_exit(main, None, "speed_vs_error.py")
+    main(speed_vs_error, interrupted="Interrupted. The same command goes on from what is finished.")

@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from _figure import Figure, main, read_sidecar, study
+from _figure import Figure, read_sidecar
+from _figure_commands import main, study
 from _page import Page
 from _split_sum import (
     ALPHAS,

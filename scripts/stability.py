@@ -21,193 +21,29 @@ import platform
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
 # not Dr.Jit or Mitsuba: `main` has to choose an LLVM first
+from _command_line import check_suffixes, main, page_option, script
+from _formula_errors import Result, collect, measure
 from _hard_cases import (
-    GRADIENTS,
     REGIONS,
     VALUES,
-    Points,
-    generate,
-    join,
     read,
 )
-from _markdown import insert, markdown
-from _peer_formulas import FORMULAS, Formula
+from _markdown import insert, markdown, marks
+from _page import Page
+from _peer_formulas import FORMULAS
 from fresnel_decomp import __version__, doctor
-from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import write_json, write_text
 from fresnel_decomp.report import style
 
-MARKS = ("<!-- tables -->\n", "<!-- end of tables -->\n")
-
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Result:
-    """One formula on one region, or on all of them (`region` "all")."""
-
-    formula: str
-    region: str
-    points: int
-    worst_ulp: float
-    """Of R, in units in the last place of the exact value; over finite values, as the next."""
-    worst_absolute: float
-    worst_at: tuple[float, float, float]
-    """cos_theta, eta, k of the largest absolute error."""
-    not_finite: int
-    outside: int
-    """Values below 0 or above 1."""
-    gradients: int
-    """Partial derivatives that were compared; 0 where there is no automatic differentiation."""
-    gradients_off: int
-    component_ulp: dict[str, float]
-    """The same for every other output that the formula has."""
-
-    @property
-    def gradient_share(self) -> float | None:
-        return self.gradients_off / self.gradients if self.gradients else None
-
-
-# --- measuring -----------------------------------------------------------------------------------
-
-
-def collect(
-    regions: Sequence[str],
-    count: int,
-    table: Path | None,
-    advance: Callable[[int], object] = lambda n: None,
-) -> Points:
-    """Half `count` float32 and half float64 points of each region, and the rows of `table`."""
-    made = [
-        generate(region, single, count // 2, advance=advance)
-        for region in regions
-        for single in (True, False)
-    ]
-    return join(*made, *([read(table, regions)] if table else []))
-
-
-def measure(formula: Formula, points: Points, variant: str) -> list[Result]:
-    """A result for all regions together, and one for each; none where nothing can be asked."""
-    points = points.where(_askable(formula, points))
-    if not len(points):
-        return []
-    outputs, gradients = _evaluate(formula, points, variant)
-    dtype = np.dtype(np.float32 if formula.single else np.float64)
-    seen = {
-        name: np.ones(len(points), bool) if formula.numpy else _normal(points.exact[name][0], dtype)
-        for name in (*VALUES, *GRADIENTS)
-    }
-    errors = {name: _errors(value, points.exact[name], dtype) for name, value in outputs.items()}
-    off, compared = _gradients_off(gradients, points, seen, dtype)
-    if not formula.absorbing:
-        off[2] = compared[2] = False  # no k to differentiate by
-
-    def result(region: str, mask: NDArray[np.bool_]) -> Result:
-        R, mask_R = outputs["R"], mask & seen["R"]
-        absolute, ulp = errors["R"]
-        finite = mask_R & np.isfinite(R)
-        worst = int(np.argmax(np.where(finite, absolute, -1.0)))
-        return Result(
-            formula=formula.name,
-            region=region,
-            points=int(mask_R.sum()),
-            worst_ulp=float(np.max(ulp[finite], initial=0.0)),
-            worst_absolute=float(np.max(absolute[finite], initial=0.0)),
-            worst_at=tuple(map(float, points.inputs[:, worst])),
-            not_finite=int((~np.isfinite(R) & mask_R).sum()),
-            outside=int((((R < 0.0) | (R > 1.0)) & finite).sum()),
-            gradients=int(compared[:, mask].sum()),
-            gradients_off=int(off[:, mask].sum()),
-            component_ulp={
-                name: float(np.nanmax(errors[name][1][mask & seen[name]], initial=0.0))
-                for name in outputs
-                if name != "R"
-            },
-        )
-
-    present = [region for region in REGIONS if (points.region == region).any()]
-    return [
-        result("all", np.ones(len(points), bool)),
-        *(result(region, points.region == region) for region in present),
-    ]
-
-
-def _askable(formula: Formula, points: Points) -> NDArray[np.bool_]:
-    mask = points.single.copy() if formula.single else np.ones(len(points), bool)
-    if not formula.absorbing:
-        mask &= points.inputs[2] == 0.0
-    if not formula.numpy:
-        dtype = np.dtype(np.float32 if formula.single else np.float64)
-        mask &= _normal(points.inputs, dtype).all(axis=0)
-    return mask
-
-
-def _normal(values: Array, dtype: np.dtype[Any]) -> NDArray[np.bool_]:
-    """Not denormal in that type."""
-    return (values == 0.0) | (np.abs(values) >= np.finfo(dtype).tiny) | np.isnan(values)
-
-
-def _evaluate(
-    formula: Formula, points: Points, variant: str
-) -> tuple[dict[str, Array], Array | None]:
-    """Outputs, and dR/d(cos_theta, eta, k) or None."""
-    import drjit as dr
-    import mitsuba as mi
-
-    mi.set_variant(variant)
-    arguments: list[Any]
-    if formula.numpy:
-        arguments = list(points.inputs.astype(np.float32 if formula.single else np.float64))
-        return {n: np.asarray(v, float) for n, v in formula.run(*arguments).items()}, None
-    if variant.startswith("scalar"):
-        import drjit.scalar
-
-        kind = drjit.scalar.ArrayXf if formula.single else drjit.scalar.ArrayXf64
-        arguments = [kind(row) for row in points.inputs]
-        return {n: np.array(v, float) for n, v in formula.run(*arguments).items()}, None
-    kind = dr.float32_array_t(mi.Float) if formula.single else dr.float64_array_t(mi.Float)
-    arguments = [kind(row) for row in points.inputs]
-    dr.make_opaque(arguments)  # literals would be folded at compile time, in another precision
-    outputs = {n: np.array(v, float) for n, v in formula.run(*arguments).items()}
-    dr.enable_grad(arguments)
-    dr.backward(formula.run(*arguments)["R"])
-    return outputs, np.stack([np.array(dr.grad(argument), float) for argument in arguments])
-
-
-def _errors(value: Array, exact: Array, dtype: np.dtype[Any]) -> tuple[Array, Array]:
-    """Absolute errors, and the same in units in the last place of the exact value."""
-    high, low = exact
-    error = np.abs((value - high) - low)
-    unit = np.spacing(np.abs(high).astype(dtype)).astype(float)
-    return error, np.where((high == 0.0) & (error > 0.0), np.inf, error / np.maximum(unit, 1e-300))
-
-
-def _gradients_off(
-    gradients: Array | None,
-    points: Points,
-    seen: dict[str, NDArray[np.bool_]],
-    dtype: np.dtype[Any],
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """(3, n) masks: off by more than 1 %, and compared at all."""
-    if gradients is None:
-        return np.zeros((3, len(points)), bool), np.zeros((3, len(points)), bool)
-    exact = np.stack([points.exact[name][0] for name in GRADIENTS])
-    compared = np.abs(exact) <= np.finfo(dtype).max  # False for NaN, too
-    compared &= np.stack([seen[name] for name in GRADIENTS])
-    with np.errstate(invalid="ignore"):
-        allowed = np.where(exact == 0.0, 1e-6, 0.01 * np.abs(exact))
-        right = np.abs(gradients - exact) <= allowed  # False for NaN
-    return compared & ~right, compared
-
+MARKS = marks("tables")
 
 # --- tables --------------------------------------------------------------------------------------
 
@@ -338,20 +174,14 @@ def draw(results: Sequence[Result], path: Path) -> None:
     panel_height = cell_height * len(formulas)
     height = top + len(PANELS) * panel_height + (len(PANELS) - 1) * gap + 0.45
     with style.styled():
-        fig = style.figure(width, height)
+        page = Page(width, height)
         for i, panel in enumerate(PANELS):
             y = top + i * (panel_height + gap)
-            axes = fig.add_axes(
-                (
-                    left / width,
-                    1.0 - (y + panel_height) / height,
-                    cell_width * len(regions) / width,
-                    panel_height / height,
-                )
-            )
+            axes = page.axes(left, y, cell_width * len(regions), panel_height)
             _heat_map(axes, panel, formulas, regions, found)
             axes.set_yticks(range(len(formulas)), formulas)
-            fig.text(left / width, 1.0 - (y - 0.08 if i else 0.25) / height, panel.title, size=9.5)
+            title = {"ha": "left", "va": "baseline", "size": 9.5}
+            page.write(left, y - 0.08 if i else 0.25, panel.title, **title)
             if i == 0:
                 names = [label(region) for region in regions]
                 axes.set_xticks(range(len(regions)), names, rotation=40, ha="left")
@@ -359,14 +189,16 @@ def draw(results: Sequence[Result], path: Path) -> None:
             else:
                 axes.set_xticks([])
             axes.tick_params(length=0, labelsize=8)
-        fig.text(
-            0.12 / width,
-            0.16 / height,
+        page.write(
+            0.12,
+            height - 0.16,
             "Red dot: some values are NaN or infinite.  Blue dot: some are outside [0, 1].  "
             "Grey: not defined there, or not differentiable.",
-            fontsize=8,
+            ha="left",
+            va="baseline",
+            size=8,
         )
-        style.save(fig, path, dpi=115)
+        page.save(path, dpi=115)
 
 
 def _heat_map(
@@ -454,7 +286,7 @@ def _without_infinity(value: Any) -> Any:
     return None if value == float("inf") else value
 
 
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@script()
 @click.option(
     "--region", "regions", multiple=True, type=click.Choice(list(REGIONS)), help="Only this one."
 )
@@ -469,11 +301,7 @@ def _without_infinity(value: Any) -> Any:
     "--out", multiple=True, type=click.Path(path_type=Path), help="Also write .json and .csv."
 )
 @click.option("--picture", type=click.Path(path_type=Path), help="Also draw the heat maps.")
-@click.option(
-    "--page",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Also put the short tables into this Markdown file.",
-)
+@page_option(MARKS, text="Also put the short tables into this Markdown file.")
 def stability(
     regions: tuple[str, ...],
     points: int,
@@ -484,9 +312,7 @@ def stability(
     page: Path | None,
 ) -> None:
     """Errors of Fresnel formulas, ours and others', where they are hard to evaluate."""
-    for path in out:
-        if path.suffix not in (".json", ".csv"):
-            raise click.BadParameter(f"'{path}' does not end in .json or .csv", param_hint="--out")
+    check_suffixes(out)
     if hard_cases is not None and not hard_cases.is_file():
         raise click.BadParameter(f"there is no file '{hard_cases}'", param_hint="--hard-cases")
     console = Console(stderr=True)
@@ -555,11 +381,5 @@ def report(results: Sequence[Result]) -> str:
     )
 
 
-def main(arguments: Sequence[str] | None = None) -> NoReturn:
-    """Run and exit: 0 done, 1 failed, 2 bad input, 130 interrupted."""
-    doctor.prepare()  # before anything imports Dr.Jit
-    run_and_exit(stability, arguments, "stability.py", "Interrupted; nothing was written.")
-
-
 if __name__ == "__main__":
-    main()
+    main(stability)

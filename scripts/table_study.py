@@ -14,8 +14,6 @@ Interrupt it when you like: finished tables are kept, and the same command goes 
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -24,16 +22,10 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import maximum_filter
 
-from _figure import (
-    Figure,
-    Job,
-    main,
-    read_sidecar,
-    read_table,
-    study,
-    write_table,
-)
-from _markdown import markdown
+import _kept
+from _figure import Figure, Job, read_sidecar, read_table, write_table
+from _figure_commands import main, study
+from _markdown import markdown, marks
 from _page import GREY, Page
 from fresnel_decomp import AlbedoTable, directional_albedo, load_basis
 from fresnel_decomp.fast_curves import FastCurves
@@ -41,7 +33,7 @@ from fresnel_decomp.report import style
 from fresnel_decomp.table_layout import Layout
 
 NAME = "table_study"
-MARKS = ("<!-- table study -->\n", "<!-- end of table study -->\n")
+MARKS = marks("table study")
 
 INDICES = {
     "n = 1.33": (1.33, 0.0),
@@ -130,7 +122,9 @@ def compute(job: Job) -> dict[str, Any]:
     coefficients = basis.coefficients(*np.array(list(INDICES.values())).T)
     mu, alpha = (values[:: 6 if quick else 1] for values in grid())
     job.report("integrals", 0.0)
-    exact = _kept(job, "exact", lambda: _exact(basis, mu, alpha)).reshape(len(alpha), len(mu), -1)
+    exact = _kept_rows(job, "exact", lambda: _exact(basis, mu, alpha)).reshape(
+        len(alpha), len(mu), -1
+    )
     layouts = [(axes, size) for axes in AXES for size in sizes]
     total = sum(size**2 for _, size in layouts)
     done, results = 0, {}
@@ -160,7 +154,7 @@ def compute(job: Job) -> dict[str, Any]:
     )
     job.report("Schlick's two terms", 0.98)
     two = AlbedoTable.bake(_schlick_terms, 64)
-    integrals = _kept(job, "exact-schlick", lambda: _exact(_schlick_terms, mu, alpha))
+    integrals = _kept_rows(job, "exact-schlick", lambda: _exact(_schlick_terms, mu, alpha))
     difference = two.lookup(mu, alpha[:, None]) - integrals.reshape(len(alpha), len(mu), -1)
     f0 = coefficients[:, :1]
     schlick = _errors(difference, np.concatenate([f0, 1.0 - f0], axis=1), mu, alpha)
@@ -185,17 +179,13 @@ def _table(job: Job, basis: Any, axes: str, size: int) -> AlbedoTable:
         table = AlbedoTable.bake(basis, size, mu_axis=mu_axis, alpha_axis=alpha_axis)
         return table.values.reshape(-1, table.terms)
 
-    return AlbedoTable(_kept(job, f"{axes}-{size}", bake).reshape(size, size, -1), layout)
+    return AlbedoTable(_kept_rows(job, f"{axes}-{size}", bake).reshape(size, size, -1), layout)
 
 
-def _kept(job: Job, name: str, make: Callable[[], np.ndarray]) -> np.ndarray:
-    """What an earlier, interrupted run with the same settings computed, else `make()`."""
-    digest = hashlib.sha256(json.dumps(job.settings, sort_keys=True).encode()).hexdigest()[:8]
-    path = job.folder / f"{name}-{digest}.csv"
-    if not path.is_file():
-        values = make()
-        write_table(path, {f"b{i}": column for i, column in enumerate(values.T)})
-    return np.stack(list(read_table(path).values()), axis=-1)
+def _kept_rows(job: Job, stem: str, make: Callable[[], np.ndarray]) -> np.ndarray:
+    """(m, n) numbers that `_kept.table` keeps."""
+    columns = _kept.table(job, stem, lambda: {f"b{i}": column for i, column in enumerate(make().T)})
+    return np.stack(list(columns.values()), axis=-1)
 
 
 def _errors(

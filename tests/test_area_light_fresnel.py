@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -15,9 +15,8 @@ ROOT = Path(__file__).parent.parent
 
 
 @pytest.fixture
-def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
-    return importlib.import_module("area_light_fresnel")
+def script(scripts: Any) -> ModuleType:
+    return scripts.area_light_fresnel
 
 
 def shown(text: str) -> dict[str, list[str]]:

@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import re
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from conftest import SCRIPTS
 from fresnel_decomp import doctor
-from test_figures import MODULES, SCRIPTS
 
 PAGE = SCRIPTS.parent / "docs" / "area_lights.md"
 
 
 @pytest.fixture
-def study(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    yield importlib.import_module("area_light_study")
-    for name in (*MODULES, "area_light_study", "_area_lights"):
-        sys.modules.pop(name, None)
+def study(scripts: Any) -> Any:
+    return scripts.area_light_study
 
 
 def test_numbers(study: Any) -> None:
@@ -44,15 +38,14 @@ def test_page_quotes_the_study() -> None:
 
 
 @pytest.mark.slow
-def test_quick_study(study: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_quick_study(
+    study: Any, run_script: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     if doctor.best_variant().startswith("scalar"):
         pytest.skip("minutes in scalar variants")
-    main = sys.modules["_figure"].main
 
     def run() -> None:
-        with pytest.raises(SystemExit) as end:
-            main(study.command, ["--quick", "--out", str(tmp_path)])
-        assert end.value.code == 0
+        assert run_script(study.command, "--quick", "--out", tmp_path) == 0
 
     run()
     written = {path.name for path in tmp_path.iterdir() if path.is_file()}

@@ -3,41 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import json
 import re
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from fresnel_decomp import doctor
+from conftest import SCRIPTS
 
-SCRIPTS = Path(__file__).parent.parent / "scripts"
 PAGE = SCRIPTS.parent / "docs" / "speed_gpu.md"
 
 
 @pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch) -> Any:
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    return importlib.import_module("bench_gpu")
+def bench(scripts: Any) -> Any:
+    return scripts.bench_gpu
 
 
 @pytest.fixture
-def llvm() -> Iterator[None]:
-    status = doctor.usable_variants()["llvm_ad_rgb"]
-    if not status.usable:
-        pytest.skip(f"{status.reason}. {status.remedy}")
-    import mitsuba as mi
-
-    before = mi.variant()
-    mi.set_variant("llvm_ad_rgb")
-    yield
-    if before:
-        mi.set_variant(before)
+def said(scripts: Any) -> Any:
+    return scripts._screen_report
 
 
 def made_up(bench: Any, variant: str, device: str = "a device") -> dict[str, Any]:
@@ -146,7 +133,7 @@ def test_rounds_of_something_else_have_a_file_of_their_own(bench: Any, tmp_path:
 def test_the_code_that_is_timed_is_what_counts(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Another way to time is other code; another text of the report is not."""
     before = bench.sources()
-    monkeypatch.setattr(bench, "verdicts", lambda results: "")
+    monkeypatch.setattr(sys.modules["_screen_report"], "verdicts", lambda results: "")
     assert bench.sources() == before
     monkeypatch.setattr(bench, "_milliseconds", lambda shaders, name, repeat: 1.0)
     assert bench.sources() != before
@@ -264,13 +251,13 @@ def test_milliseconds_and_the_claim_with_a_gpu(bench: Any) -> None:
         (0.05, 0.00, "within"),  # "at most"
     ],
 )
-def test_three_verdicts(bench: Any, more: float, half: float, word: str) -> None:
+def test_three_verdicts(said: Any, more: float, half: float, word: str) -> None:
     """The spread counts: a median on one side of 0.05 ms is not enough."""
     rounds = [more - half, more, more + half]
-    assert bench.verdict([more - 2 * half, *rounds, more + 2 * half]) == word
+    assert said.verdict([more - 2 * half, *rounds, more + 2 * half]) == word
 
 
-def test_what_is_dearer_follows_from_the_times(bench: Any) -> None:
+def test_what_is_dearer_follows_from_the_times(bench: Any, said: Any) -> None:
     """Slow rounds are slow for all passes; only differences in a round count."""
     results = made_up(bench, "llvm_ad_rgb")
     times = results["times"]
@@ -278,11 +265,11 @@ def test_what_is_dearer_follows_from_the_times(bench: Any) -> None:
     noise = [0.1 * (-1) ** r for r in range(9)]
 
     def rows() -> dict[str, str]:
-        lines = [line.split("|") for line in bench.comparisons(times).splitlines()[2:]]
+        lines = [line.split("|") for line in said.comparisons(times).splitlines()[2:]]
         return {line[1].strip(): line[3].strip() for line in lines}
 
     schlick, four = bench.UNIFORM
-    _, _, maps, rg = (times[name] for name in (schlick, four, "four terms, textured", bench.RG))
+    _, _, maps, rg = (times[name] for name in (schlick, four, "four terms, textured", said.RG))
     _, _, two_channels, four_channels = (times[name] for name in bench.PARTS)
     for i, s in enumerate(slow):
         times[schlick][i], times[four][i] = 3.0 * s, (3.7 + noise[i]) * s
@@ -294,7 +281,7 @@ def test_what_is_dearer_follows_from_the_times(bench: Any) -> None:
     assert found["(r, g) in two maps, not coefficients in three"] == "cheaper"
     rg[:] = [6.0 * s for s in slow]
     assert rows()["(r, g) in two maps, not coefficients in three"] == "dearer"
-    assert bench.comparisons(times) in bench.report(results)
+    assert said.comparisons(times) in bench.report(results)
 
 
 def test_scalar_variants_are_refused(bench: Any) -> None:
@@ -339,15 +326,15 @@ def test_page_says_which_numbers_are_which() -> None:
     assert " ms" not in part
 
 
-def test_page_draws_no_conclusion_of_its_own(bench: Any) -> None:
+def test_page_draws_no_conclusion_of_its_own(bench: Any, said: Any) -> None:
     """Every comparison that the script makes is on the page, with its verdict."""
-    made = bench.comparisons(made_up(bench, "llvm_ad_rgb")["times"]).splitlines()[2:]
+    made = said.comparisons(made_up(bench, "llvm_ad_rgb")["times"]).splitlines()[2:]
     page = PAGE.read_text(encoding="utf-8").splitlines()
     for line in made:
         (quoted,) = (other for other in page if other.split("|")[1:2] == line.split("|")[1:2])
         number, word = (cell.strip() for cell in quoted.split("|")[2:4])
         more, half = (float(part) for part in number.split("±"))
-        assert word == bench.direction(more, half)
+        assert word == said.direction(more, half)
 
 
 @pytest.mark.slow

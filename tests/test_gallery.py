@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 import shlex
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from fresnel_decomp import InputError
-from test_figures import MODULES
 
 ROOT = Path(__file__).parent.parent
 
 
 @pytest.fixture
-def gallery(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
-    yield importlib.import_module("gallery")
-    for name in (*MODULES, "gallery"):
-        sys.modules.pop(name, None)
+def gallery(scripts: Any) -> Any:
+    return scripts.gallery
 
 
 def test_page_is_what_the_script_writes(gallery: Any) -> None:
@@ -42,7 +35,7 @@ def test_every_picture_is_there_once(gallery: Any) -> None:
 
 
 def test_commands_exist(gallery: Any) -> None:
-    """Scripts are there and know the options; the command's parameters, too."""
+    """Scripts are there, and the command has these parameters; test_scripts has the options."""
     from fresnel_decomp.cli import cli
 
     for entry in gallery.entries():
@@ -55,7 +48,6 @@ def test_commands_exist(gallery: Any) -> None:
                 continue
             assert words[0] == "python"
             source = (ROOT / words[1]).read_text(encoding="utf-8")
-            assert all(f'"{option}"' in source for option in options), entry.command
             if words[1].endswith("reproduce.py"):
                 assert words[-1] in gallery.FIGURES
             elif not options:

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from fresnel_decomp import doctor
-from test_figures import scripts  # noqa: F401 -- a fixture
 
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "inverse.md"
@@ -23,7 +22,7 @@ def rows(marks: tuple[str, str]) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
 
 
-def test_page_has_all_routes_and_keeps_the_bound(scripts: Any) -> None:  # noqa: F811
+def test_page_has_all_routes_and_keeps_the_bound(scripts: Any) -> None:
     study = scripts.inverse_study
     table = rows(study.MARKS)
     assert [row[:2] for row in table] == [[case.label, case.start] for case in study.CASES]
@@ -39,7 +38,7 @@ def test_page_has_all_routes_and_keeps_the_bound(scripts: Any) -> None:  # noqa:
         assert float(row[1]) < max(0.01, 1.1 * float(row[2])), row[0]
 
 
-def test_short_numbers(scripts: Any) -> None:  # noqa: F811
+def test_short_numbers(scripts: Any) -> None:
     short = scripts.inverse_study.short
     assert [short(x) for x in (0.0, 0.00257, 0.0465, 0.5, 3.14159, 187.2, None)] == [
         "0", ".0026", ".046", ".50", "3.1", "187", "∞",
@@ -47,20 +46,15 @@ def test_short_numbers(scripts: Any) -> None:  # noqa: F811
 
 
 @pytest.mark.slow
-def test_quick_study(scripts: Any, tmp_path: Path) -> None:  # noqa: F811
+def test_quick_study(scripts: Any, run_script: Any, tmp_path: Path) -> None:
     if doctor.best_variant().startswith("scalar"):
         pytest.skip("minutes in scalar variants")
     study = scripts.inverse_study
 
-    def run(*arguments: str) -> int:
-        with pytest.raises(SystemExit) as end:
-            scripts._figure.main(study.command, list(arguments))
-        return int(end.value.code)
-
     page = tmp_path / "page.md"
     marks = (study.MARKS, study.METAL_MARKS, study.TEXTURE_MARKS, study.CALIBRATION_MARKS)
     page.write_text("".join(a + b for a, b in marks), encoding="utf-8")
-    assert run("--quick", "--out", str(tmp_path), "--page", str(page)) == 0
+    assert run_script(study.command, "--quick", "--out", tmp_path, "--page", page) == 0
     folder = tmp_path / study.NAME
     results = json.loads((folder / f"{study.NAME}.json").read_text(encoding="utf-8"))["results"]
     assert results["routes"]["linear_node_colours-any"]["converged"]

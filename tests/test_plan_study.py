@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
-
-from fresnel_decomp import doctor
 
 ROOT = Path(__file__).parent.parent
 
 
 @pytest.fixture
-def study(monkeypatch: pytest.MonkeyPatch):
-    """The script as a module."""
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
-    return importlib.import_module("plan_study")
+def study(scripts: Any) -> Any:
+    return scripts.plan_study
 
 
 def row(study, **changes):
@@ -35,19 +31,10 @@ def test_broken_predictions_are_told(study):
 
 
 @pytest.mark.slow
-def test_three_plans(study, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    if not doctor.usable_variants()["llvm_ad_rgb"].usable:
-        pytest.skip("llvm_ad_rgb does not run here")
-    import mitsuba as mi
-
-    before = mi.variant()
+def test_three_plans(study, run_script, llvm, tmp_path: Path):
     out, picture = tmp_path / "plans.json", tmp_path / "plans.png"
-    options = ["--size", "256", "--spp", "128", "--folder", str(tmp_path / "renders")]
-    try:
-        study.main([*options, "--out", str(out), "--picture", str(picture)])
-    finally:
-        if before:
-            mi.set_variant(before)
+    options = ["--size", "256", "--spp", "128", "--folder", tmp_path / "renders"]
+    assert run_script(study.plans, *options, "--out", out, "--picture", picture) == 0
     rows = json.loads(out.read_text(encoding="utf-8"))["rows"]
     plans = {}
     for entry in rows:

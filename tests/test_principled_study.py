@@ -2,46 +2,45 @@
 
 from __future__ import annotations
 
-import importlib
 import json
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from conftest import SCRIPTS
 from fresnel_decomp import doctor
-from test_figures import MODULES, SCRIPTS
 
 PAGE = SCRIPTS.parent / "docs" / "principled.md"
 
 
 @pytest.fixture
-def study(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    yield importlib.import_module("principled_study")
-    for name in MODULES:
-        sys.modules.pop(name, None)
+def study(scripts: Any) -> Any:
+    return scripts.principled_study
 
 
-def test_mixing_is_linear_for_schlick_only(study: Any) -> None:
-    rows = study.mixing_errors()
+@pytest.fixture
+def compared(scripts: Any) -> Any:
+    return scripts._principled
+
+
+def test_mixing_is_linear_for_schlick_only(compared: Any) -> None:
+    rows = compared.mixing_errors()
     assert all(value < 1e-12 for value in rows["copper, Schlick"].values())
     for way in ("index, k = 0", "usual edge"):
         assert rows[f"copper, {way}"]["0.5"] > 0.05
 
 
 @pytest.mark.slow
-def test_page_has_the_tables(study: Any) -> None:
+def test_page_has_the_tables(study: Any, compared: Any) -> None:
     """All but the times and the pictures, which depend on the machine and on chance."""
     page = PAGE.read_text(encoding="utf-8")
     results = {
-        "curves": study.curve_errors(),
-        "recipes": study.recipe_errors(),
-        "mixing": study.mixing_errors(),
-        "furnace": study.furnace(),
-        "indices": study.furnace_of_indices(),
+        "curves": compared.curve_errors(),
+        "recipes": compared.recipe_errors(),
+        "mixing": compared.mixing_errors(),
+        "furnace": compared.furnace(),
+        "indices": compared.furnace_of_indices(),
         "cost": {"": {"": [0.0, 0.0]}},
         "renders": {
             name: {kind: {"delta_e": 0.0} for kind in ("schlick", "usual", "edge", "nodes")}
@@ -56,15 +55,14 @@ def test_page_has_the_tables(study: Any) -> None:
 
 
 @pytest.mark.slow
-def test_quick_study(study: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_quick_study(
+    study: Any, run_script: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     if doctor.best_variant().startswith("scalar"):
         pytest.skip("minutes in scalar variants")
-    main = sys.modules["_figure"].main
 
     def run() -> None:
-        with pytest.raises(SystemExit) as end:
-            main(study.command, ["--quick", "--out", str(tmp_path)])
-        assert end.value.code == 0
+        assert run_script(study.command, "--quick", "--out", tmp_path) == 0
 
     run()
     written = {path.name for path in tmp_path.iterdir() if path.is_file()}

@@ -51,9 +51,6 @@ def test_accuracy_and_speed_are_those_of_the_documentation():
         for given, exact in zip((a, cp, d, low), found[name][1:5], strict=True):
             for one, other in zip(given.split(" / "), exact.split(" / "), strict=True):
                 assert abs(float(one) - float(other)) < 2.5e-4, name
-    plugin = (ROOT / "docs" / "plugin.md").read_text(encoding="utf-8")
-    (times,) = re.findall(r"```text\n( +BSDF only.*?)```", README, re.DOTALL)
-    assert times in plugin
 
 
 def _cells(line: str) -> list[str]:
@@ -64,3 +61,10 @@ def test_linked_files_exist():
     links = re.findall(r"\]\(([^)#:]+)\)", README)
     assert links
     assert [link for link in links if not (ROOT / link).exists()] == []
+
+
+def test_figures_are_those_of_the_scripts(scripts):
+    """All that `reproduce.py` makes, with the minutes that it says."""
+    listed = re.findall(r"\(scripts/(\w+)\.py\) \| ([\d.]+) \|", README)
+    known = {name: f"{figure.minutes:.1f}" for name, figure in scripts.reproduce.FIGURES.items()}
+    assert dict(listed) == known

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from fresnel_decomp import RECIPES, directional_albedo, doctor, load_material
 
-SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
-
 
 @pytest.fixture
-def script(monkeypatch: pytest.MonkeyPatch):
+def script(scripts: Any):
     for name in ("llvm_ad_spectral", "llvm_ad_rgb"):
         status = doctor.usable_variants()[name]
         if not status.usable:
@@ -22,8 +19,7 @@ def script(monkeypatch: pytest.MonkeyPatch):
     import mitsuba as mi
 
     before = mi.variant()
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    yield importlib.import_module("spectral_renders")
+    yield scripts.spectral_renders
     if before:
         mi.set_variant(before)
 

@@ -2,38 +2,22 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import re
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
-from fresnel_decomp import dielectric, doctor
+from fresnel_decomp import dielectric
 
 ROOT = Path(__file__).parent.parent
 
 
 @pytest.fixture
-def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
-    return importlib.import_module("speed_exact")
-
-
-@pytest.fixture
-def llvm():
-    """An active llvm_ad_rgb; the variant as before afterwards."""
-    status = doctor.usable_variants()["llvm_ad_rgb"]
-    if not status.usable:
-        pytest.skip(f"{status.reason}. {status.remedy}")
-    import mitsuba as mi
-
-    before = mi.variant()
-    mi.set_variant("llvm_ad_rgb")
-    yield
-    if before:
-        mi.set_variant(before)
+def script(scripts: Any) -> ModuleType:
+    return scripts.speed_exact
 
 
 PAGE = (ROOT / "docs" / "speed.md").read_text(encoding="utf-8")
@@ -53,12 +37,12 @@ def head_and_names(markdown: str) -> list[str]:
 
 
 @pytest.mark.slow  # 30 kernels to compile
-def test_all_ratios(script, llvm, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_all_ratios(script, run_script, llvm, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path, page = tmp_path / "speed.json", tmp_path / "page.md"
     marks = [mark for pair in (script.MARKS, script.COUNT_MARKS) for mark in pair]
     page.write_text("# Page\n" + "".join(marks) + "End.\n")
     quick = ["--rounds", "9", "--points", "10000", "--elements", "64", "--turns", "2"]
-    script.main([*quick, "--out", str(path), "--page", str(page)])
+    assert run_script(script.speed, *quick, "--out", path, "--page", page) == 0
     printed = capsys.readouterr().out
     report = json.loads(path.read_text(encoding="utf-8"))
     assert report["about"]["llvm"]
@@ -130,9 +114,21 @@ def test_answers_are_checked_before_timing(script, llvm):
             script.check([script.Function("wrong", 1, run, 1e-6)], 2000)
 
 
-@pytest.mark.parametrize("wrong", [["--rounds", "3"], ["--variant", "scalar_rgb"]])
-def test_bad_input(wrong: list[str], script, capsys: pytest.CaptureFixture[str]):
-    with pytest.raises(SystemExit) as exit_info:
-        script.main(wrong)
-    assert exit_info.value.code == 2
-    assert "accepted" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("wrong", "accepted"),
+    [(["--rounds", "3"], "x>=9"), (["--variant", "scalar_rgb"], "accepted: an llvm_ad or cuda_ad")],
+)
+def test_bad_input(
+    wrong: list[str], accepted: str, script, run_script, capsys: pytest.CaptureFixture[str]
+):
+    assert run_script(script.speed, *wrong) == 2
+    assert accepted in capsys.readouterr().err
+
+
+def test_a_page_without_a_place_is_found_before_anything_is_timed(
+    script, run_script, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    page = tmp_path / "page.md"
+    page.write_text("".join(script.MARKS), encoding="utf-8")  # but none for the counts
+    assert run_script(script.speed, "--variant", "no variant", "--page", page) == 2
+    assert "without a place for the tables" in capsys.readouterr().err

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import re
 from dataclasses import replace
@@ -14,7 +13,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from fresnel_decomp import InputError, doctor
+from conftest import using_llvm
+from fresnel_decomp import InputError
 from fresnel_decomp.bench import run as bench_module
 from fresnel_decomp.bench import tables
 from fresnel_decomp.bench.pareto import pareto_front
@@ -28,26 +28,17 @@ FEW = ("Schlick", "talk, 4 terms", "talk, 4 terms, 32 float16")
 
 @pytest.fixture(scope="module")
 def llvm():
-    """An active llvm_ad_rgb; the variant as before afterwards."""
-    status = doctor.usable_variants()["llvm_ad_rgb"]
-    if not status.usable:
-        pytest.skip(f"{status.reason}. {status.remedy}")
-    import mitsuba as mi
+    """An active llvm_ad_rgb with the plugin, for all tests."""
+    with using_llvm():
+        from fresnel_decomp.mitsuba import register
 
-    before = mi.variant()
-    mi.set_variant("llvm_ad_rgb")
-    from fresnel_decomp.mitsuba import register
-
-    register()
-    yield
-    if before:
-        mi.set_variant(before)
+        register()
+        yield
 
 
 @pytest.fixture
-def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
-    return importlib.import_module("speed_vs_error")
+def script(scripts: Any) -> ModuleType:
+    return scripts.speed_vs_error
 
 
 def quick(**changes: Any) -> Settings:
@@ -374,16 +365,16 @@ def test_the_file_of_numbers_has_every_model(llvm):
 def test_script_refuses_pages_without_marks(script, tmp_path: Path):
     page = tmp_path / "page.md"
     page.write_text("# Page\n", encoding="utf-8")
-    found = CliRunner().invoke(script.main, ["--page", str(page)])
+    found = CliRunner().invoke(script.speed_vs_error, ["--page", str(page)])
     assert isinstance(found.exception, InputError)
-    assert "without the line '<!-- verdicts -->'" in str(found.exception)
+    assert "lines '<!-- verdicts -->' and" in str(found.exception)
 
 
 @pytest.mark.parametrize(
     "given", [["--quick"], ["--models", "F82"], ["--rounds", "5"]], ids=lambda given: given[0]
 )
 def test_script_publishes_whole_measurements_only(given: list[str], script):
-    found = CliRunner().invoke(script.main, [*given, "--readme", str(ROOT / "README.md")])
+    found = CliRunner().invoke(script.speed_vs_error, [*given, "--readme", str(ROOT / "README.md")])
     assert isinstance(found.exception, InputError)
     assert f"{' '.join(given)} together with --page" in str(found.exception)
 
@@ -400,7 +391,7 @@ def test_script_publishes_what_a_quiet_machine_measured(script, tmp_path: Path):
     about = NUMBERS.with_suffix(".json").read_text(encoding="utf-8")
     source.with_suffix(".json").write_text(about, encoding="utf-8")
     arguments = ["--readme", str(page), "--from", str(source), "--figures", str(tmp_path)]
-    found = CliRunner().invoke(script.main, arguments, catch_exceptions=False)
+    found = CliRunner().invoke(script.speed_vs_error, arguments, catch_exceptions=False)
     assert found.exit_code == 0
     written = page.read_text(encoding="utf-8")
     assert "| Schlick" in written
@@ -408,11 +399,11 @@ def test_script_publishes_what_a_quiet_machine_measured(script, tmp_path: Path):
     assert (tmp_path / "speed_vs_error_bytes.png").is_file()
     rows[-1]["bsdf_built_in_ns"] = 2.0
     source.write_text(tables.to_csv(rows), encoding="utf-8")
-    found = CliRunner().invoke(script.main, arguments)
+    found = CliRunner().invoke(script.speed_vs_error, arguments)
     assert isinstance(found.exception, InputError)
     assert "varies by up to 2.0" in str(found.exception)
     assert page.read_text(encoding="utf-8") == written
-    assert CliRunner().invoke(script.main, [*arguments, "--noisy"]).exit_code == 0
+    assert CliRunner().invoke(script.speed_vs_error, [*arguments, "--noisy"]).exit_code == 0
     assert "not quiet" in page.read_text(encoding="utf-8")
 
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
 from backends import AD_BACKENDS, BACKENDS, float_type
-from fresnel_decomp import doctor
 from fresnel_decomp._check import InputError
 from fresnel_decomp.albedo import directional_albedo
 from fresnel_decomp.basis import load_basis
@@ -39,19 +36,9 @@ def table() -> AlbedoTable:
 
 
 @pytest.fixture
-def vectorised() -> Iterator[None]:
-    """Set llvm_ad_rgb, the variant of most of these tests."""
-    status = doctor.usable_variants()["llvm_ad_rgb"]
-    if not status.usable:
-        pytest.skip(f"llvm_ad_rgb: {status.reason}. {status.remedy}")
-    import mitsuba as mi
-
-    before = mi.variant()
-    mi.set_variant("llvm_ad_rgb")
+def vectorised(llvm: None) -> None:
+    """llvm_ad_rgb, the variant of most of these tests, with the plugin."""
     register()
-    yield
-    if before:
-        mi.set_variant(before)
 
 
 def views(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:

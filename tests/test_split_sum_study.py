@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 import csv
-import importlib
 import json
 import re
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from conftest import SCRIPTS
 from fresnel_decomp import doctor
-from test_figures import MODULES, SCRIPTS
 
 FIGURES = SCRIPTS.parent / "docs" / "figures"
 
 
 @pytest.fixture
-def study(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    yield importlib.import_module("split_sum_study")
-    for name in MODULES:
-        sys.modules.pop(name, None)
+def study(scripts: Any) -> Any:
+    return scripts.split_sum_study
 
 
 def test_cells(study: Any) -> None:
@@ -34,8 +28,8 @@ def test_cells(study: Any) -> None:
     assert study.rounded(3e-5) == "3e-05"
 
 
-def test_only_covered_pixels_count(study: Any) -> None:
-    module = sys.modules["_split_sum"]
+def test_only_covered_pixels_count(study: Any, scripts: Any) -> None:
+    module = scripts._split_sum
     random = np.random.default_rng(0)
     reference = random.random((8, 8, 3)).astype(np.float32)
     test = reference.copy()
@@ -51,8 +45,8 @@ def test_only_covered_pixels_count(study: Any) -> None:
     assert found["flip"] > 0.0
 
 
-def test_scenes_have_names_of_their_own(study: Any) -> None:
-    module = sys.modules["_split_sum"]
+def test_scenes_have_names_of_their_own(study: Any, scripts: Any) -> None:
+    module = scripts._split_sum
     stems = [scene.stem for scene in (*module.SPHERES, *module.BALLS)]
     assert len(set(stems)) == len(stems) == 22
 
@@ -124,22 +118,21 @@ def test_page_quotes_the_summary() -> None:
 
 
 @pytest.mark.slow
-def test_quick_study(study: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_quick_study(
+    study: Any, scripts: Any, run_script: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     if doctor.best_variant().startswith("scalar"):
         pytest.skip("minutes in scalar variants")
-    main = sys.modules["_figure"].main
 
     def run() -> None:
-        with pytest.raises(SystemExit) as end:
-            main(study.command, ["--quick", "--out", str(tmp_path)])
-        assert end.value.code == 0
+        assert run_script(study.command, "--quick", "--out", tmp_path) == 0
 
     run()
     written = {path.name for path in tmp_path.iterdir() if path.is_file()}
     assert written == set(study.FIGURE.pictures)
     sidecar = tmp_path / "split_sum_study" / "split_sum_study.json"
     results = json.loads(sidecar.read_text(encoding="utf-8"))["results"]
-    for scene in sys.modules["_split_sum"].SPHERES:
+    for scene in scripts._split_sum.SPHERES:
         found = results["scenes"][scene.stem]
         assert found["table_alone"]["nrmse"] < 1e-3
         assert found["fresnel_alone"]["decomposition"]["nrmse"] < 0.06

@@ -36,7 +36,7 @@ def run(scripts):
 
     def call(*arguments):
         with pytest.raises(SystemExit) as end:
-            scripts.stability.main([str(a) for a in arguments])
+            scripts.stability.main(scripts.stability.stability, [str(a) for a in arguments])
         return end.value.code
 
     yield call
@@ -178,7 +178,7 @@ def test_without_llvm_values_remain(run, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--out", "s.txt"], "does not end in .json or .csv"),
+        (["--out", "s.txt"], "files that end in .json or .csv"),
         (["--hard-cases", "nowhere.csv"], "there is no file"),
         (["--region", "moon"], "moon"),
         (["--variant", "llvm_ad_moon"], "llvm_ad_moon"),

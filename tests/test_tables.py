@@ -1,18 +1,18 @@
-"""The tables of accuracy and speed: their numbers, their form, and what the pages quote."""
+"""The tables of accuracy: their numbers, their form, and what the pages quote."""
 
 from __future__ import annotations
 
 import csv
-import importlib
 import json
 import re
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
 
-from fresnel_decomp import CurveSet, Schlick, conductor, curves, doctor, load_basis
+from fresnel_decomp import CurveSet, Schlick, conductor, curves, load_basis
 
 ROOT = Path(__file__).parent.parent
 RECIPES_PAGE = ROOT / "docs" / "recipes.md"
@@ -38,14 +38,8 @@ KNOWN = {
 
 
 @pytest.fixture
-def script(monkeypatch: pytest.MonkeyPatch):
-    """Import a script by name."""
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
-
-    def load(name: str) -> ModuleType:
-        return importlib.import_module(name)
-
-    return load
+def table(scripts: Any) -> ModuleType:
+    return scripts.accuracy_table
 
 
 def assert_known(name: str, results: dict) -> None:
@@ -59,14 +53,13 @@ def assert_known(name: str, results: dict) -> None:
 
 
 @pytest.mark.parametrize("name", ["a", "low"])
-def test_accuracy_of_small_sets(name: str, script):
-    table = script("accuracy_table")
+def test_accuracy_of_small_sets(name: str, table):
     assert_known(name, table.measure(table.SETS[name]()))
 
 
-def test_errors_are_what_they_say(script):
+def test_errors_are_what_they_say(table):
     curve_set = CurveSet("two", np.array([1.5, 0.2]), np.array([0.0, 3.0]))
-    found = script("accuracy_table").measure(curve_set, only=["Schlick"])["Schlick"]
+    found = table.measure(curve_set, only=["Schlick"])["Schlick"]
     everywhere, uniform = curves.error_cosines()
 
     def error(cos_theta: np.ndarray) -> np.ndarray:
@@ -81,21 +74,24 @@ def test_errors_are_what_they_say(script):
     assert np.cos(np.radians(found.worst_degrees)) == pytest.approx(everywhere[column])
 
 
-def test_errors_agree_with_the_library(script):
+def test_errors_agree_with_the_library(table):
     curve_set = curves.low_index_corner()
-    found = script("accuracy_table").measure(curve_set, only=["talk, 5 terms"])["talk, 5 terms"]
+    found = table.measure(curve_set, only=["talk, 5 terms"])["talk, 5 terms"]
     error = load_basis("talk", 5).error(curve_set.eta, curve_set.k)
     assert found.max == pytest.approx(error.max.max(), rel=1e-9)
     assert found.mean == pytest.approx(error.mean.mean(), rel=1e-9)
     assert found.rmse == pytest.approx(np.sqrt((error.rmse**2).mean()), rel=1e-9)
 
 
-def test_accuracy_files_and_print(script, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    paths = [str(tmp_path / name) for name in ("errors.json", "errors.csv")]
-    script("accuracy_table").main(["--sets", "low", "--out", *paths])
+def test_accuracy_files_and_print(
+    table, run_script, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    paths = [tmp_path / name for name in ("errors.json", "errors.csv")]
+    out = [f"--out={path}" for path in paths]
+    assert run_script(table.accuracy, "--sets", "low", *out) == 0
     printed = capsys.readouterr().out
-    report = json.loads(Path(paths[0]).read_text(encoding="utf-8"))
-    with open(paths[1], encoding="utf-8", newline="") as file:
+    report = json.loads(paths[0].read_text(encoding="utf-8"))
+    with paths[1].open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(report["errors"]) == 27
     for row, entry in zip(rows, report["errors"], strict=True):
@@ -104,10 +100,11 @@ def test_accuracy_files_and_print(script, tmp_path: Path, capsys: pytest.Capture
     assert printed.count("\n\n") == 3  # four tables
 
 
-def test_accuracy_refuses_other_files(script, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    with pytest.raises(SystemExit) as exit_info:
-        script("accuracy_table").main(["--sets", "low", "--out", str(tmp_path / "errors.xlsx")])
-    assert exit_info.value.code == 2
+def test_accuracy_refuses_other_files(
+    table, run_script, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    out = tmp_path / "errors.xlsx"
+    assert run_script(table.accuracy, "--sets", "low", "--out", out) == 2
     assert ".json or .csv" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
@@ -118,15 +115,14 @@ def table_rows(markdown: str) -> set[str]:
     return {re.sub(r" +", " ", line) for line in lines if not line.startswith("| -")}
 
 
-def test_page_quotes_the_bases(script):
+def test_page_quotes_the_bases(table):
     page = table_rows(RECIPES_PAGE.read_text(encoding="utf-8"))
-    assert table_rows(script("accuracy_table").basis_table()) <= page
+    assert table_rows(table.basis_table()) <= page
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("models", ["fits", "varied"])
-def test_page_quotes_the_accuracy(models: str, script):
-    table = script("accuracy_table")
+def test_page_quotes_the_accuracy(models: str, table):
     results = {
         name: table.measure(make(), models=getattr(table, models))
         for name, make in table.SETS.items()
@@ -139,9 +135,9 @@ def test_page_quotes_the_accuracy(models: str, script):
     assert not table_rows(printed) - table_rows(RECIPES_PAGE.read_text(encoding="utf-8"))
 
 
-def test_ranges(script, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    table, out = script("range_table"), tmp_path / "range.json"
-    table.main(["--sets", "a", "tir", "--out", str(out)])
+def test_ranges(scripts, run_script, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    out, command = tmp_path / "range.json", scripts.range_table.ranges
+    assert run_script(command, "--sets", "a", "--sets", "tir", "--out", out) == 0
     printed = table_rows(capsys.readouterr().out)
     page = DECOMPOSITION_PAGE.read_text(encoding="utf-8")
     assert printed <= table_rows(page)
@@ -164,68 +160,7 @@ def test_ranges(script, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
 
 
 @pytest.mark.slow
-def test_page_quotes_all_ranges(script, capsys: pytest.CaptureFixture[str]):
-    script("range_table").main([])
+def test_page_quotes_all_ranges(scripts, run_script, capsys: pytest.CaptureFixture[str]):
+    assert run_script(scripts.range_table.ranges) == 0
     page = table_rows(DECOMPOSITION_PAGE.read_text(encoding="utf-8"))
     assert table_rows(capsys.readouterr().out) <= page
-
-
-@pytest.mark.slow  # 38 kernels to compile
-def test_speed_table(script, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    status = doctor.usable_variants()["llvm_ad_rgb"]
-    if not status.usable:
-        pytest.skip(f"{status.reason}. {status.remedy}")
-    import mitsuba as mi
-
-    before = mi.variant()
-    path = tmp_path / "speed.json"
-    quick = ["--rounds", "9", "--points", "10000", "--elements", "64", "--turns", "2"]
-    table = script("speed_table")
-    try:
-        table.main([*quick, "--out", str(path)])
-    finally:
-        if before:
-            mi.set_variant(before)
-    printed = capsys.readouterr().out
-    assert "curve evaluation" in printed
-    report = json.loads(path.read_text(encoding="utf-8"))
-    assert report["about"]["llvm"]
-    rows = {row["model"]: row for row in report["results"]}
-    assert all(cell["ratio"] == 1.0 for cell in rows[table.BASE]["times"].values())
-    assert all(cell["ratio"] > 0.0 for row in rows.values() for cell in row["times"].values())
-    assert rows["exact, wide"]["error"]["max"] < 1e-7
-    assert rows["talk, 4 terms"]["error"]["max"] == pytest.approx(0.0906, abs=2e-4)
-
-
-@pytest.mark.parametrize("wrong", [["--rounds", "3"], ["--variant", "scalar_rgb"]])
-def test_speed_table_refuses(wrong: list[str], script, capsys: pytest.CaptureFixture[str]):
-    with pytest.raises(SystemExit) as exit_info:
-        script("speed_table").main(wrong)
-    assert exit_info.value.code == 2
-    assert "accepted" in capsys.readouterr().err
-
-
-def test_speed_table_checks_before_timing(script):
-    """A model that is not what it says is found out."""
-    status = doctor.usable_variants()["llvm_ad_rgb"]
-    if not status.usable:
-        pytest.skip(f"{status.reason}. {status.remedy}")
-    import mitsuba as mi
-
-    before = mi.variant()
-    mi.set_variant("llvm_ad_rgb")
-    table = script("speed_table")
-    try:
-        models = {model.name: model for model in table.candidates("talk")}
-        wrong = table.Candidate(
-            "wrong",
-            models["Schlick"].store,
-            lambda cos_theta, f0: f0 + (1.0 - f0) * (1.0 - cos_theta) ** 4,
-            1e-6,
-            Schlick.from_ior,
-        )
-        with pytest.raises(RuntimeError, match="wrong is off by"):
-            table.check([wrong], curves.dielectrics(), lambda count: None)
-    finally:
-        if before:
-            mi.set_variant(before)

@@ -6,18 +6,19 @@ slows the machine for a while slows both alike and cancels.
 
 from __future__ import annotations
 
-import contextlib
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from .._check import choose, input_error
+from .._spread import median_and_spread
 from .scenes import load_scene
 from .variants import variant_scope
 
-__all__ = ["Timing", "interleaved_times", "kernel_times", "ratio_and_spread"]
+__all__ = ["Timing", "interleaved_times", "kernel_milliseconds", "kernel_times", "ratio_and_spread"]
 
 _WARM_UP = 2  # rounds that compile and fill caches
 _MOST_REPEATS = 64
@@ -99,31 +100,20 @@ def kernel_times(
     with variant_scope(variant) as active:
         scalar = active.startswith("scalar")
         scenes = {name: load_scene(scene, bsdf, size) for name, bsdf in bsdfs.items()}
-        scope = (
-            contextlib.nullcontext()
-            if scalar
-            else dr.scoped_set_flag(dr.JitFlag.KernelHistory, True)
-        )
+
+        def render(loaded: Any) -> None:
+            dr.eval(mi.render(loaded, spp=spp, seed=seed))
+
+        clock = _wall_milliseconds if scalar else kernel_milliseconds
         done, total = 0, (runs + _WARM_UP) * len(scenes)
-        with scope:
-            for run in range(-_WARM_UP, runs):
-                for name in list(scenes)[:: -1 if run % 2 else 1]:
-                    if not scalar:
-                        dr.kernel_history_clear()
-                    start = time.perf_counter()
-                    dr.eval(mi.render(scenes[name], spp=spp, seed=seed))
-                    if scalar:
-                        elapsed = 1e3 * (time.perf_counter() - start)
-                    else:
-                        dr.sync_thread()
-                        kernels = dr.kernel_history([dr.KernelType.JIT])
-                        elapsed = sum(kernel["execution_time"] for kernel in kernels)
-                    if run >= 0:
-                        times[name].append(elapsed)
-                    done += 1
-                    if progress is not None:
-                        progress(done / total)
-        clock = "wall" if scalar else "kernel"
+        for run in range(-_WARM_UP, runs):
+            for name in list(scenes)[:: -1 if run % 2 else 1]:
+                elapsed = sum(clock(partial(render, scenes[name])))
+                if run >= 0:
+                    times[name].append(elapsed)
+                done += 1
+                if progress is not None:
+                    progress(done / total)
         threads = 0 if active.startswith("cuda") else dr.thread_count()
     return {
         name: Timing(
@@ -131,7 +121,7 @@ def kernel_times(
             tuple(values),
             *ratio_and_spread(values, times[base]),
             base,
-            clock,
+            "wall" if scalar else "kernel",
             active,
             threads,
         )
@@ -163,32 +153,43 @@ def interleaved_times(
     The times of one run in all rounds, by kind and name. The order alternates, so that a slow
     moment of the machine falls on all of a kind.
     """
-    import drjit as dr
-
     times: dict[str, dict[str, list[float]]] = {
         kind: {name: [] for name in by_name} for kind, by_name in runs.items()
     }
     repeats = {kind: dict.fromkeys(by_name, 1) for kind, by_name in runs.items()}
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        for number in range(-_WARM_UP, rounds):
-            for kind, by_name in runs.items():
-                found = {}
-                for name in list(by_name)[:: -1 if number % 2 else 1]:
-                    count = repeats[kind][name]
-                    dr.kernel_history_clear()
-                    for _ in range(count):
-                        by_name[name]()
-                    dr.sync_thread()
-                    history = dr.kernel_history([dr.KernelType.JIT])
-                    found[name] = sum(entry["execution_time"] for entry in history) / count
-                if number >= 0:
-                    for name, value in found.items():
-                        times[kind][name].append(value)
-                elif number == -1 and found:
-                    first = found[next(iter(by_name))]
-                    repeats[kind] = {n: _repeats(first, value) for n, value in found.items()}
-            advance()
+    for number in range(-_WARM_UP, rounds):
+        for kind, by_name in runs.items():
+            found = {}
+            for name in list(by_name)[:: -1 if number % 2 else 1]:
+                count = repeats[kind][name]
+                found[name] = sum(kernel_milliseconds(by_name[name], count)) / count
+            if number >= 0:
+                for name, value in found.items():
+                    times[kind][name].append(value)
+            elif number == -1 and found:
+                first = found[next(iter(by_name))]
+                repeats[kind] = {n: _repeats(first, value) for n, value in found.items()}
+        advance()
     return times
+
+
+def kernel_milliseconds(run: Callable[[], object], count: int = 1) -> list[float]:
+    """Of each kernel that a function launches in `count` calls, in an LLVM or CUDA variant."""
+    import drjit as dr
+
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        for _ in range(count):
+            run()
+        dr.sync_thread()
+        return [kernel["execution_time"] for kernel in dr.kernel_history([dr.KernelType.JIT])]
+
+
+def _wall_milliseconds(run: Callable[[], object]) -> list[float]:
+    """The same by the clock, where there are no kernels."""
+    start = time.perf_counter()
+    run()
+    return [1e3 * (time.perf_counter() - start)]
 
 
 def _repeats(whole: float, part: float) -> int:
@@ -204,6 +205,4 @@ def ratio_and_spread(times: Sequence[float], reference: Sequence[float]) -> tupl
     >>> ratio_and_spread([1.0, 2.0, 6.0], [1.0, 1.0, 2.0])  # the last round was slow for both
     (2.0, 0.5)
     """
-    ratios = [a / b for a, b in zip(times, reference, strict=True)]
-    low, middle, high = statistics.quantiles(ratios, n=4, method="inclusive")
-    return middle, 0.5 * (high - low)
+    return median_and_spread([a / b for a, b in zip(times, reference, strict=True)])
