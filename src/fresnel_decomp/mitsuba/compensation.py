@@ -31,8 +31,7 @@ from ..energy import weighted as weighted_sum
 from ..microfacet import Distribution, Smith
 from .albedo_texture import AlbedoTexture
 from .microfacet_lobe import raised
-from .ranges import recording
-from .tabulation import stored_values
+from .ranges import UNKNOWN_ALPHA, recording, value_range
 
 __all__ = ["Lobe", "Scaling", "Uncompensated", "chosen_compensation"]
 
@@ -125,7 +124,8 @@ class _Anisotropic:
                 "updates outside of it, or one alpha",
                 "Call params.update() before it.",
             )
-        ranges = [_range(texture) for texture in (plugin.alpha_u, plugin.alpha_v)]
+        textures = (plugin.alpha_u, plugin.alpha_v)
+        ranges = [value_range(texture) or UNKNOWN_ALPHA for texture in textures]
         if ranges == self.ranges:
             return
         self.ranges, self.grid = ranges, _grid(*self.made_of, *ranges)
@@ -176,15 +176,6 @@ class _Anisotropic:
         n_u, n_v = self.grid.values.shape[:2]
         u, v = self._positions(plugin, si, active)
         return tuple(self.losses.eval(mi.Point2f((u + 0.5) / n_u, (v + 0.5) / n_v)))
-
-
-def _range(texture: Any) -> tuple[float, float]:
-    """Least and largest value of a roughness; all if they are known at surface points only."""
-    values = [np.array(part, np.float64).ravel() for part in stored_values(texture)]
-    if not values:
-        return 1e-3, 1.0
-    flat = np.concatenate(values)
-    return float(flat.min()), float(flat.max())
 
 
 class _Compensated(Uncompensated):

@@ -17,10 +17,9 @@ import mitsuba as mi
 import numpy as np
 
 from .._check import InputError, input_error
+from ..colour import WAVELENGTH_NM  # Mitsuba's range, every nanometre
 
 __all__ = ["Lookup", "children", "direct", "stored_values", "tabulate"]
-
-_WAVELENGTHS = np.linspace(360.0, 830.0, 471)  # nm: Mitsuba's range, every nanometre
 
 
 class Lookup(NamedTuple):
@@ -97,9 +96,9 @@ def children(node: Any) -> dict[str, Any]:
 def stored_values(texture: Any) -> list[Any]:
     """Numbers between which all values of a texture lie, as flat arrays without gradients.
 
-    They are read rather than looked up where possible, which is cheap. Of textures whose values
-    are known only at a surface point (mesh attributes, images of colours in spectral variants)
-    there are none.
+    They are read rather than looked up where possible, which is cheap. There is one array for each
+    part of the texture: the fields of a checkerboard, else the whole; None for parts whose values
+    are known only at a surface point (mesh attributes, images of colours in spectral variants).
     """
     kind = texture.class_name()
     if kind == "Checkerboard":
@@ -108,16 +107,16 @@ def stored_values(texture: Any) -> list[Any]:
     if kind.startswith("BitmapTexture"):
         data = mi.traverse(texture)["data"]
         if mi.is_spectral and data.shape[2] != 1:
-            return []
+            return [None]
         texels = dr.detach(data.array)
         if dr.is_integral_v(texels):  # an 8-bit image that is kept as such
             texels = mi.TensorXf(texels).array / 255.0
         return [texels]
     if not kind.endswith("Spectrum"):
-        return []
+        return [None]
     if not mi.is_spectral or kind == "UniformSpectrum":
         return [dr.detach(_evaluate(texture))]
-    covered = np.clip(_WAVELENGTHS, *list(texture.wavelength_range()))
+    covered = np.clip(WAVELENGTH_NM, *list(texture.wavelength_range()))
     return [dr.detach(_evaluate(texture, wavelengths=covered))]
 
 
@@ -167,10 +166,10 @@ def _tensor(values: Sequence[Any], shape: tuple[int, ...]) -> Any:
 
 def _spectral(textures: dict[str, Any], function: Any) -> Lookup:
     ranges = np.array([list(texture.wavelength_range()) for texture in textures.values()])
-    covered = np.clip(_WAVELENGTHS, ranges[:, 0].max(), ranges[:, 1].min())
+    covered = np.clip(WAVELENGTH_NM, ranges[:, 0].max(), ranges[:, 1].min())
     values = function(*(_evaluate(t, wavelengths=covered) for t in textures.values()))
     table = mi.Texture1f(_tensor(values, covered.shape), use_accel=False)
-    first, count = float(_WAVELENGTHS[0]), len(_WAVELENGTHS)
+    first, count = float(WAVELENGTH_NM[0]), len(WAVELENGTH_NM)
 
     def evaluate(si: Any, active: Any) -> list[Any]:
         rows = [table.eval((w - (first - 0.5)) / count, active) for w in si.wavelengths]
