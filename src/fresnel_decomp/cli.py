@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["cli", "main"]
 
 _NUMBER_OPTIONS = ("--eta", "--k", "--rg")
+_TERMS = "Of the basis, 3 to 6.  [default: 4, or what the file has]"
 
 
 class Numbers(click.ParamType):
@@ -84,7 +85,7 @@ def cli() -> None:
 @click.option(
     "--recipe", default="talk", show_default=True, help="Basis, see docs: talk, balanced, ..."
 )
-@click.option("--terms", type=int, default=4, show_default=True, help="Terms of the basis, 3 to 6.")
+@click.option("--terms", type=int, help=_TERMS)
 @click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
 @click.option("--spp", type=int, help="Samples per pixel.  [default: 64; 16 in scalar variants]")
 @click.option(
@@ -229,7 +230,7 @@ def materials(search: str | None, source: str) -> None:
 @click.argument("name", metavar="MATERIAL")
 @click.option("--illuminant", default="D65", show_default=True, help="D65, D50, A or E.")
 @click.option("--recipe", default="talk", show_default=True, help="Basis, see `basis`.")
-@click.option("--terms", type=int, default=4, show_default=True, help="3 to 6.")
+@click.option("--terms", type=int, help=_TERMS)
 @click.option("--variant", help="Mitsuba variant.  [default: the fastest that works here]")
 @click.option("--allow-partial", is_flag=True, help="Accept spectra that do not cover 400-700 nm.")
 @click.option("--allow-broken", is_flag=True, help="Accept data that contradict themselves.")
@@ -240,7 +241,7 @@ def material(
     name: str,
     illuminant: str,
     recipe: str,
-    terms: int,
+    terms: int | None,
     variant: str | None,
     allow_partial: bool,
     allow_broken: bool,
@@ -273,7 +274,8 @@ def material(
     click.echo(", ".join([found.name, *found.aliases]))
     click.echo(f"{found.source}{'. ' + found.reference if found.reference else ''}")
     click.echo(
-        f"{illuminant}, CIE 1931 2°, linear sRGB relative to white; basis {recipe}, {terms} terms"
+        f"{illuminant}, CIE 1931 2°, linear sRGB relative to white; basis {recipe}, "
+        f"{card.basis.terms} terms"
     )
     click.echo()
     _print_table(table_rows(card), right=range(2, 7))
@@ -288,11 +290,11 @@ def material(
 @click.option(
     "--recipe", default="talk", show_default=True, help="talk, notebook, balanced, robust, ..."
 )
-@click.option("--terms", type=int, default=4, show_default=True, help="3 to 6.")
+@click.option("--terms", type=int, help=_TERMS)
 @click.option(
     "--out", type=click.Path(path_type=Path), help="Figure.  [default: out/basis-RECIPE-TERMS.png]"
 )
-def basis(recipe: str, terms: int, out: Path | None) -> None:
+def basis(recipe: str, terms: int | None, out: Path | None) -> None:
     """Plot a basis; print its nodes, conditioning and origin."""
     import numpy as np
 
@@ -301,7 +303,8 @@ def basis(recipe: str, terms: int, out: Path | None) -> None:
     from .report.basis import draw_basis
 
     loaded = load_basis(recipe, terms)
-    path = Path("out") / f"basis-{recipe}-{terms}.png" if out is None else out
+    name = Path(recipe).stem if recipe.endswith(".json") else recipe
+    path = Path("out") / f"basis-{name}-{loaded.terms}.png" if out is None else out
     if path.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise input_error(f"--out {path}", "a file ending in .png, .pdf or .svg", "Rename it.")
     writable_folder(path.parent)

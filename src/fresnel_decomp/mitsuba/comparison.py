@@ -101,7 +101,7 @@ def conductor_bsdf(
     wavelength_nm: ArrayLike | None = None,
     distribution: str = "ggx",
     recipe: str = "talk",
-    terms: int = 4,
+    terms: int | None = None,
 ) -> dict[str, Any]:
     """The dictionary of a `decomposed_conductor`.
 
@@ -117,7 +117,7 @@ def conductor_bsdf(
         Makes eta and k spectra; for spectral variants, which would turn RGB into a colour.
     distribution : 'ggx' or 'beckmann'
     recipe, terms
-        The basis, for `fresnel='decomposition'`.
+        The basis, for `fresnel='decomposition'`; see `load_basis`.
 
     Returns
     -------
@@ -140,8 +140,9 @@ def conductor_bsdf(
         "fresnel": choose("fresnel", fresnel, ("exact", "decomposition", "schlick", "f82")),
     }
     if fresnel == "decomposition":
-        load_basis(recipe, terms).coefficients(eta, k)  # refuses indices that fit badly
-        bsdf |= {"recipe": recipe, "terms": int(terms)}
+        basis = load_basis(recipe, terms)
+        basis.coefficients(eta, k)  # refuses indices that fit badly
+        bsdf |= {"recipe": recipe, "terms": basis.terms}
     return bsdf
 
 
@@ -331,7 +332,7 @@ def render_models(
     wavelength_nm: ArrayLike | None = None,
     distribution: str = "ggx",
     recipe: str = "talk",
-    terms: int = 4,
+    terms: int | None = None,
     **options: Any,
 ) -> dict[str, NDArray[np.float32]]:
     """Render a conductor with several Fresnel models that share indices, paths and samples.

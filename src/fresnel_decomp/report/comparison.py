@@ -53,7 +53,7 @@ class Settings:
     ----------
     subjects : the materials
     alphas : roughnesses in (0, 1]
-    recipe, terms : the basis
+    recipe, terms : the basis, see `load_basis`
     variant : a Mitsuba variant that works here, with colour; default `doctor.best_variant()`
     size, spp : pixels along each side, samples per pixel; by default what the variant renders in
         seconds (256 and 64, in scalar variants 64 and 16)
@@ -64,7 +64,7 @@ class Settings:
     subjects: Sequence[Subject]
     alphas: Sequence[float] = (0.1,)
     recipe: str = "talk"
-    terms: int = 4
+    terms: int | None = None
     variant: str = field(default_factory=doctor.best_variant)
     size: int | None = None
     spp: int | None = None
@@ -199,7 +199,7 @@ def run(
         "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "settings": {
             "recipe": settings.recipe,
-            "terms": settings.terms,
+            "terms": basis.terms,
             "variant": settings.variant,
             "alphas": list(settings.alphas),
             "size": size,
