@@ -11,7 +11,7 @@ follow from the numbers: what can be integrated ahead of time.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
@@ -25,7 +25,20 @@ from ..parametrization import F82_COSINE, gulbrandsen_to_ior
 if TYPE_CHECKING:
     from ..basis import Basis
 
-__all__ = ["F82", "Decomposition", "Exact", "Lossless", "Material", "Schlick", "parameter_set"]
+__all__ = [
+    "F82",
+    "FRESNEL_TERMS",
+    "Decomposition",
+    "Exact",
+    "Lossless",
+    "Material",
+    "Schlick",
+    "fresnel_term",
+    "parameter_set",
+]
+
+FRESNEL_TERMS = ("decomposition", "exact", "schlick", "f82")
+"""Their names, as plugins take them."""
 
 
 def parameter_set(given: Sequence[str], terms: int) -> tuple[str, tuple[str, ...]]:
@@ -76,11 +89,10 @@ class Material:
         at normal incidence and at cos = 1/7.
     values : sequence of flat Dr.Jit arrays
         One per parameter.
-    basis : callable returning Basis
-        Called only where the basis is needed.
+    basis : Basis
     """
 
-    def __init__(self, kind: str, values: Sequence[Any], basis: Callable[[], Basis]) -> None:
+    def __init__(self, kind: str, values: Sequence[Any], basis: Basis) -> None:
         self.kind, self.values, self.basis = kind, values, basis
 
     def indices(self) -> Sequence[Any]:
@@ -90,14 +102,14 @@ class Material:
         if self.kind == "coefficients":
             return self.values
         if self.kind == "nodes":
-            return self.basis().coefficients_from_reflectance(self.values[0], self.values[1:])
-        return self.basis().coefficients(*self.indices())
+            return self.basis.coefficients_from_reflectance(self.values[0], self.values[1:])
+        return self.basis.coefficients(*self.indices())
 
     def reflectance(self, cos_theta: float) -> Any:
         if self.kind == "f82":
             return bent_schlick(self.values[0], bend_factor(*self.values), cos_theta)
         if self.kind in ("coefficients", "nodes"):
-            return self.basis().evaluate(self.coefficients(), cos_theta)
+            return self.basis.evaluate(self.coefficients(), cos_theta)
         return conductor(cos_theta, *self.indices())
 
 
@@ -181,3 +193,10 @@ class Decomposition:
     @staticmethod
     def weights(*coefficients: Any) -> tuple[Any, ...]:
         return coefficients
+
+
+def fresnel_term(name: str, basis: Basis) -> Any:
+    """The term that is called `name` in `FRESNEL_TERMS`."""
+    if name == "decomposition":
+        return Decomposition(basis)
+    return {"exact": Exact, "schlick": Schlick, "f82": F82}[name]()

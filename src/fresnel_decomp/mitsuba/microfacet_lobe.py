@@ -11,19 +11,10 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-__all__ = ["correlated", "derived", "mueller", "raised", "weight_and_density"]
-
-_OWN_SLOTS = ("__dict__", "__weakref__")
+__all__ = ["correlated", "mueller", "raised", "weight_and_density"]
 
 _LEAST_COSINE = 1e-12
 """The squared tangent of a lower direction, and its derivatives, would leave float32."""
-
-
-def derived(methods: type) -> type:
-    """A BSDF class of the active variant with the methods of another class."""
-    # a class of Mitsuba's takes no second base, so it gets the methods themselves
-    body = {k: v for k, v in vars(methods).items() if k not in _OWN_SLOTS}
-    return type(methods.__name__, (mi.BSDF,), body)
 
 
 def weight_and_density(

@@ -11,7 +11,7 @@ import numpy as np
 from .._check import InputError, input_error
 from .tabulation import stored_values
 
-__all__ = ["UNKNOWN_ALPHA", "check_range", "recording", "value_range"]
+__all__ = ["UNKNOWN_ALPHA", "check_range", "refuse_recording", "value_range"]
 
 UNKNOWN_ALPHA = (1e-3, 1.0)
 """What roughness may be where `value_range` does not tell."""
@@ -80,7 +80,7 @@ def check_range(name: str, texture: Any, zero: bool = False, like: str | None = 
     InputError
         With the name, the values and the range.
     """
-    if recording():
+    if _recording():
         return
     contains, accepted, advice = _RANGES.get(like or name, _ANY)
     for values in stored_values(texture):
@@ -100,7 +100,23 @@ def value_range(texture: Any) -> tuple[float, float] | None:
     return float(values.min()), float(values.max())
 
 
-def recording() -> bool:
+def refuse_recording(what: str, accepted: str) -> None:
+    """Refuse `what` in code that is only recorded: what needs its values would end the process.
+
+    Raises
+    ------
+    InputError
+        In a symbolic loop, and in a function that Dr.Jit freezes.
+    """
+    if _recording():
+        raise input_error(
+            f"{what} in a recorded function (dr.freeze) or a symbolic loop",
+            accepted,
+            "Call params.update() before it.",
+        )
+
+
+def _recording() -> bool:
     """Whether Dr.Jit records code without running it: then there are no values to look at."""
     return any(dr.flag(flag) for flag in (dr.JitFlag.SymbolicScope, dr.JitFlag.FreezingScope))
 
