@@ -24,7 +24,7 @@ from fresnel_decomp import doctor
 from fresnel_decomp._check import input_error
 from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import write_text
-from fresnel_decomp.cli import run_bench
+from fresnel_decomp.cli.bench import run_bench
 
 ROOT = Path(__file__).resolve().parents[1]
 FIGURES = ROOT / "docs" / "figures"
