@@ -88,5 +88,6 @@ def test_russian_roulette_never_starts(variant: str) -> None:
 def test_bad_input(variant: str) -> None:
     with pytest.raises(InputError, match="shader-ball"):
         scenes.load_scene("shaderball", METAL)
-    with pytest.raises(InputError, match="size"):
-        scenes.load_scene("studio", METAL, size=0)
+    for size in (0, 2.5, (8,), "8"):
+        with pytest.raises(InputError, match="size"):
+            scenes.load_scene("studio", METAL, size=size)

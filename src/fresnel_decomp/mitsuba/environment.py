@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._array import drjit_module, is_drjit
+from .._array import drjit_constant, drjit_module, is_drjit
 from .._check import input_error, is_whole
 from .._vectors import as_vector
 from .variants import active_variant
@@ -196,13 +196,7 @@ class Environment:
         shape = (self.height, self.width)
         direction = as_vector(direction)
         if isinstance(direction, tuple):
-            dr = drjit_module()
-            assert dr is not None
-            kind = type(direction[0])
-            texels = self.radiance.ravel()
-            return fetch(
-                kind(texels if dr.is_jit_v(kind) else texels.tolist()), 0, *shape, *direction
-            )
+            return fetch(drjit_constant(type(direction[0]), self.radiance), 0, *shape, *direction)
         values = fetch(self.radiance.ravel(), 0, *shape, *np.moveaxis(direction, -1, 0))
         return np.stack(values, axis=-1)
 

@@ -21,6 +21,7 @@ from .._check import input_error
 from .._schlick import bend_factor, bent_schlick, schlick
 from ..fresnel import conductor, dielectric
 from ..parametrization import F82_COSINE, gulbrandsen_to_ior
+from .variants import unpolarized
 
 if TYPE_CHECKING:
     from ..basis import Basis
@@ -123,7 +124,7 @@ class Exact:
     def __call__(self, cos_theta: Any, eta: Any, k: Any) -> Any:
         channels = zip(eta, k, strict=True)
         values = [mi.fresnel_conductor(cos_theta, mi.Complex2f(*index)) for index in channels]
-        return mi.UnpolarizedSpectrum(values if len(values) > 1 else values[0])
+        return unpolarized(values)
 
 
 class Lossless(Exact):
@@ -131,7 +132,7 @@ class Lossless(Exact):
 
     def __call__(self, cos_theta: Any, eta: Any, k: Any) -> Any:
         values = [dielectric(cos_theta, channel, precision="native") for channel in eta]
-        return mi.UnpolarizedSpectrum(values if len(values) > 1 else values[0])
+        return unpolarized(values)
 
 
 class Schlick:

@@ -11,6 +11,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from .variants import unpolarized
+
 __all__ = ["correlated", "mueller", "raised", "weight_and_density"]
 
 _LEAST_COSINE = 1e-12
@@ -79,7 +81,5 @@ def mueller(ctx: Any, wi: Any, wo: Any, m: Any, weight: Any, eta: Any, k: Any) -
     result = dr.zeros(mi.Spectrum)
     for i in range(4):
         for j in range(4):
-            values = [channel[i, j] for channel in channels]
-            entry = mi.UnpolarizedSpectrum(values if len(values) > 1 else values[0])
-            result[i, j] = entry * weight
+            result[i, j] = unpolarized([channel[i, j] for channel in channels]) * weight
     return result

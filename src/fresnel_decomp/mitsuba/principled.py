@@ -28,6 +28,7 @@ from .microfacet_lobe import mueller, raised, weight_and_density
 from .plugin import FresnelPlugin, derived
 from .ranges import check_range, refuse_recording
 from .tabulation import tabulate
+from .variants import unpolarized
 
 __all__ = ["DEFAULT_EDGE_TINT", "LEAST_ALPHA", "LEAST_ROOT", "DecomposedPrincipled", "plugin_class"]
 
@@ -359,13 +360,13 @@ class _Metal(Material):
             gulbrandsen_to_ior(_inside(r, 1e-8, LARGEST_R), _inside(g, _LEAST_TINT, 1.0))
             for r, g in zip(self.base, tint, strict=True)
         ]
-        return tuple(_spectrum(values) for values in zip(*pairs, strict=True))
+        return tuple(unpolarized(values) for values in zip(*pairs, strict=True))
 
     def reflectance(self, cos_theta: float) -> Any:
         if cos_theta == 1.0:
             return self.base
         if self.kind == "tint":
-            return _spectrum(
+            return unpolarized(
                 [
                     conductor(cos_theta, *index, precision="native")
                     for index in zip(*self.indices(), strict=True)
@@ -431,8 +432,3 @@ def _inside(value: Any, low: float, high: float) -> Any:
 
 def _mean(spectrum: Any) -> Any:
     return dr.mean(mi.UnpolarizedSpectrum(spectrum))
-
-
-def _spectrum(channels: Sequence[Any]) -> Any:
-    values = list(channels)
-    return mi.UnpolarizedSpectrum(values if len(values) > 1 else values[0])

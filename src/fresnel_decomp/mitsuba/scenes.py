@@ -14,10 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._check import choose, input_error
+from .._check import choose, input_error, is_whole
 
 __all__ = [
     "SCENES",
+    "camera",
+    "film_size",
     "lit_object",
     "load_scene",
     "revolve",
@@ -217,14 +219,21 @@ def _diffuse(reflectance: float) -> dict[str, Any]:
     return {"type": "diffuse", "reflectance": {"type": "rgb", "value": [reflectance] * 3}}
 
 
-def _film_size(size: int | tuple[int, int]) -> tuple[int, int]:
-    width, height = (size, size) if isinstance(size, int) else size
-    if min(width, height) < 1:
+def film_size(size: int | tuple[int, int]) -> tuple[int, int]:
+    """(width, height) of one or two numbers.
+
+    Raises
+    ------
+    InputError
+        If they are not integers from 1 on.
+    """
+    given = size if isinstance(size, tuple | list) else (size, size)
+    if len(given) != 2 or not all(is_whole(pixels, 1) for pixels in given):
         raise input_error(f"size={size!r}", "one or two integers ≥ 1", "Use for example size=256.")
-    return width, height
+    return int(given[0]), int(given[1])
 
 
-def _camera(
+def camera(
     width: int,
     height: int,
     origin: list[float],
@@ -233,6 +242,7 @@ def _camera(
     spp: int,
     rfilter: str,
 ) -> dict[str, Any]:
+    """The dictionary of a sensor, with film and sampler; y is up, `fov` in degrees."""
     import mitsuba as mi
 
     return {
@@ -258,12 +268,12 @@ def _stage(
     """Everything but the object: lights, plinth, camera, film and integrator."""
     import mitsuba as mi
 
-    width, height = _film_size(size)
+    width, height = film_size(size)
     lights = mi.Bitmap(np.array(studio_lights()), pixel_format=mi.Bitmap.PixelFormat.RGB)
     return {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": max_depth, "rr_depth": max_depth + 1},
-        "sensor": _camera(width, height, _CAMERA.tolist(), _TARGET.tolist(), fov, spp, rfilter),
+        "sensor": camera(width, height, _CAMERA.tolist(), _TARGET.tolist(), fov, spp, rfilter),
         "lights": {"type": "envmap", "bitmap": lights},
         "plinth": _mesh("plinth", _diffuse(_NEUTRAL)),
     }
@@ -359,11 +369,11 @@ def lit_object(
     background : bool
         Show the environment behind the object; else it is black.
     """
-    width, height = _film_size(size)
+    width, height = film_size(size)
     choose("shape", shape, ("sphere", "shader-ball"))
     sphere = {"type": "sphere", "center": [0.0, 0.0, 0.0], "radius": 1.0, "bsdf": bsdf}
     centre = 0.0 if shape == "sphere" else 1.06
-    camera = [0.0, centre + 0.7, 8.0]
+    origin = [0.0, centre + 0.7, 8.0]
     return {
         "type": "scene",
         "integrator": {
@@ -372,7 +382,7 @@ def lit_object(
             "rr_depth": max_depth + 1,
             "hide_emitters": not background,
         },
-        "sensor": _camera(width, height, camera, [0.0, centre, 0.0], 15.2, spp, rfilter),
+        "sensor": camera(width, height, origin, [0.0, centre, 0.0], 15.2, spp, rfilter),
         "light": light,
         "object": sphere if shape == "sphere" else _mesh("ball", bsdf),
     }

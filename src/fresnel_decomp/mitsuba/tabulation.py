@@ -18,6 +18,7 @@ import numpy as np
 
 from .._check import InputError, input_error
 from ..colour import WAVELENGTH_NM  # Mitsuba's range, every nanometre
+from .variants import unpolarized
 
 __all__ = ["Lookup", "children", "direct", "stored_values", "tabulate"]
 
@@ -129,7 +130,7 @@ def _spectrum(channels: Any) -> Any:
     """An `UnpolarizedSpectrum` from a flat array of its channels."""
     jit = dr.is_jit_v(mi.Float)
     values = [dr.gather(mi.Float, channels, i) if jit else channels[i] for i in range(_channels())]
-    return mi.UnpolarizedSpectrum(values if len(values) > 1 else values[0])
+    return unpolarized(values)
 
 
 def _evaluate(texture: Any, uv: Any = ((0.5, 0.5),), wavelengths: Any = (550.0,)) -> Any:
@@ -173,7 +174,7 @@ def _spectral(textures: dict[str, Any], function: Any) -> Lookup:
 
     def evaluate(si: Any, active: Any) -> list[Any]:
         rows = [table.eval((w - (first - 0.5)) / count, active) for w in si.wavelengths]
-        return [mi.UnpolarizedSpectrum(list(column)) for column in zip(*rows, strict=True)]
+        return [unpolarized(column) for column in zip(*rows, strict=True)]
 
     return Lookup(evaluate, [table.tensor()])
 
@@ -220,10 +221,7 @@ def _bitmap(bitmaps: dict[str, Any], textures: dict[str, Any], function: Any) ->
 
     def evaluate(si: Any, active: Any) -> list[Any]:
         values, n = list(stored(si.uv, active)), _channels()
-        return [
-            mi.UnpolarizedSpectrum(values[i : i + n] if n > 1 else values[i])
-            for i in range(0, len(values), n)
-        ]
+        return [unpolarized(values[i : i + n]) for i in range(0, len(values), n)]
 
     return Lookup(evaluate, [tensor])
 

@@ -22,8 +22,8 @@ from .._check import choose, input_error
 from .._files import writable_folder, write_json, write_text
 from .._version import __version__
 from ..basis import Basis, load_basis
-from ..colour import delta_e_2000
-from ..mitsuba.comparison import model_bsdfs, render_bsdfs
+from ..colour import WAVELENGTH_NM, delta_e_2000
+from ..mitsuba.comparison import MODELS, model_bsdfs, render_bsdfs
 from ..mitsuba.scenes import SCENES
 from ..mitsuba.timing import Timing, kernel_times
 from ..subjects import Subject
@@ -32,15 +32,13 @@ from .document import markdown
 from .images import RenderRow, draw_renders
 
 __all__ = [
-    "RENDER_MODELS",
     "TIMED_MODELS",
     "Settings",
     "default_folder",
     "run",
 ]
 
-RENDER_MODELS = ("exact", "decomposition", "schlick")
-TIMED_MODELS = ("exact", "decomposition", "schlick", "f82")
+TIMED_MODELS = (*MODELS, "f82")
 
 Progress = Callable[[str, float], None]
 
@@ -115,7 +113,7 @@ class Settings:
             if "spectral" not in self.variant:
                 continue
             if subject.material is not None:  # every nanometre that Mitsuba may sample
-                basis.coefficients(*subject.material.at(np.arange(360.0, 831.0)))
+                basis.coefficients(*subject.material.at(WAVELENGTH_NM))
             elif not subject.grey:
                 raise input_error(
                     f"RGB indices ({subject.label}) with variant '{self.variant}'",
@@ -158,16 +156,16 @@ def run(
     errors = {subject.name: curve_errors(subject, basis) for subject in settings.subjects}
     draw_curves(settings.subjects, basis, target / "curves.png")
 
-    steps = len(jobs) * len(RENDER_MODELS)
+    steps = len(jobs) * len(MODELS)
     rows = []
     for number, (subject, alpha) in enumerate(jobs):
 
-        def rendering(model: str, fraction: float, done: int = number * len(RENDER_MODELS)) -> None:
-            step = done + RENDER_MODELS.index(model) + fraction
+        def rendering(model: str, fraction: float, done: int = number * len(MODELS)) -> None:
+            step = done + MODELS.index(model) + fraction
             progress(f"rendering {model}", 0.05 + 0.57 * step / steps)
 
         images = render_bsdfs(
-            _bsdfs(settings, subject, alpha, RENDER_MODELS),
+            _bsdfs(settings, subject, alpha, MODELS),
             scene=settings.scene,
             size=size,
             spp=spp,
