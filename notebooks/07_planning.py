@@ -162,7 +162,7 @@ for bound, planned in plans.items():
 # %%
 white = {**scene, **{name: {**scene[name], "material": "none"} for name in metals}}
 arriving = fd.mitsuba.comparison.render_scene(mi.load_dict(white), spp)
-surface = fd.mitsuba.split_sum.visible_surface(mi.load_dict(scene), spp=16)
+surface = fd.mitsuba.visible_surface.visible_surface(mi.load_dict(scene), spp=16)
 shown = np.array(surface.shape).reshape(size[1], size[0], 16)
 errors = {}
 for bound, planned in plans.items():

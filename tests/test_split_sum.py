@@ -18,7 +18,8 @@ from fresnel_decomp.mitsuba.environment import Environment, texel_directions
 from fresnel_decomp.mitsuba.prefilter import prefilter
 from fresnel_decomp.mitsuba.scenes import lit_object
 from fresnel_decomp.mitsuba.skies import city
-from fresnel_decomp.mitsuba.split_sum import SplitMaterial, render_split_sum, shade, visible_surface
+from fresnel_decomp.mitsuba.split_sum import SplitMaterial, render_split_sum, shade
+from fresnel_decomp.mitsuba.visible_surface import visible_surface
 from fresnel_decomp.models import F82, Exact, Schlick
 from fresnel_decomp.split_albedo import (
     SplitAlbedo,

@@ -18,7 +18,7 @@ from .._check import choose, input_error, is_real
 from ..area_light import CORRECTIONS, AreaLight, AreaMaterial, Correction, shade_area_light
 from ..ltc import LobeTable
 from .scenes import camera, film_size
-from .split_sum import VisibleSurface, averaged, where
+from .visible_surface import VisibleSurface, averaged, where
 
 __all__ = ["OBJECTS", "LitMaterial", "emitter", "lit_by_area", "render_area_light"]
 
