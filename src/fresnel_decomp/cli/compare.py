@@ -92,7 +92,7 @@ def compare(
 
     best = doctor.best_variant()
     from ..report.comparison import Settings, default_folder, run
-    from ..report.document import summary_rows, times_line
+    from ..report.comparison_words import summary_rows, times_line
 
     accept = {"allow_partial": allow_partial, "allow_broken": allow_broken}
     subjects = _subjects(materials, eta, k, rg, accept)

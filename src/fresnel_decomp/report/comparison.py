@@ -1,7 +1,7 @@
 """The main job: curves, renders and errors of Fresnel models for given materials, in one folder.
 
-`run` computes and writes everything; `document` says it in words. All outputs
-are written whole, and images that an interrupted run had finished are used by the next one.
+`run` computes and writes everything; `comparison_words` says it in words. All outputs are written
+whole, and images that an interrupted run had finished are used by the next one.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from ..mitsuba.comparison import MODELS, model_bsdfs, render_bsdfs
 from ..mitsuba.scenes import SCENES
 from ..mitsuba.timing import Timing, kernel_times
 from ..subjects import Subject
-from .curves import curve_errors, draw_curves
-from .document import markdown
-from .images import RenderRow, draw_renders
+from .comparison_words import markdown
+from .curves import COLOUR_COSINES, curve_errors, draw_curves
+from .renders import RenderRow, draw_renders
 
 __all__ = [
     "TIMED_MODELS",
@@ -260,10 +260,9 @@ def _material(subject: Subject, basis: Basis, errors: dict[str, Any]) -> dict[st
     material = subject.material
     if material is None:
         return entry
-    cos_theta = np.cos(np.radians(np.arange(0.0, 89.5, 0.5)))
-    truth = material.rgb_reflectance(cos_theta)
+    truth = material.rgb_reflectance(COLOUR_COSINES)
     spectral = material.rgb_coefficients(basis)
-    delta_e = delta_e_2000(basis.evaluate(spectral, cos_theta[:, None]), truth)
+    delta_e = delta_e_2000(basis.evaluate(spectral, COLOUR_COSINES[:, None]), truth)
     entry["source"] = material.source
     entry["spectral"] = {
         "illuminant": "D65",
