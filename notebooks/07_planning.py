@@ -83,7 +83,7 @@ show({"as written: exact equations": exact}, width=8)
 # small as a point, which shows single angles.
 
 # %%
-found = fd.mitsuba.scene_plan.inventory(scene)
+found = fd.mitsuba.inventory.take_inventory(scene)
 for surface in found.surfaces:
     eta, k = surface.eta.round(2), surface.k.round(2)
     print(f"{surface.name:10} eta {eta}, k {k}, alpha {surface.alpha[0]:.2f}")

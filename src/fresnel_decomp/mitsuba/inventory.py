@@ -22,6 +22,7 @@ from ..plan import LeftExact
 from ..prediction import EVEN_SKY, Surface
 from .environment import row_weights
 from .ranges import UNKNOWN_ALPHA, value_range
+from .scene_source import Source, load_source
 from .tabulation import children, stored_values
 
 __all__ = ["Inventory", "take_inventory"]
@@ -60,16 +61,22 @@ class Inventory:
     objects: tuple[Any, ...] = field(repr=False)
 
 
-def take_inventory(scene: Any, contrast: float | None = None) -> Inventory:
-    """What is in use in a loaded scene.
+def take_inventory(source: Source, contrast: float | None = None) -> Inventory:
+    """What is in use in a scene.
 
     Parameters
     ----------
-    scene : mi.Scene
+    source : path, dict or mi.Scene
     contrast : float >= 0, optional
         Of the light at its surfaces, see `prediction.Surface`. By default what the emitters have:
         that of an even sky, of the pixels of an environment map, or infinite.
+
+    Raises
+    ------
+    InputError
+        If no variant is set, or the scene cannot be loaded.
     """
+    scene, _ = load_source(source)
     lights = list(scene.emitters())
     if contrast is None:
         contrast = max((_contrast(light) for light in lights), default=EVEN_SKY)
