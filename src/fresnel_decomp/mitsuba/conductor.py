@@ -7,35 +7,22 @@ sampling of visible normals (Heitz and d'Eon 2014), in the same order of operati
 
 from __future__ import annotations
 
-import logging
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
-from numpy.typing import NDArray
 
 from .._check import choose, input_error
-from .._data_sets import data_set_files, find_data_set
-from ..basis import Basis
-from ..colour import WAVELENGTH_NM, luminance_weights, rgb_weights
-from ..fresnel import conductor
 from ..microfacet import SMITH
-from ..parametrization import F82_COSINE
-from ..spectra import Material as Spectrum
-from ..spectra import load_material
 from .compensation import chosen_compensation
-from .fresnel_terms import Material, parameter_set
+from .conductor_material import material_textures
+from .fresnel_terms import Material
 from .microfacet_lobe import correlated, mueller, raised, weight_and_density
 from .plugin import FresnelPlugin, derived
 from .ranges import check_range, refuse_recording
-from .tabulation import children, direct, tabulate
+from .tabulation import direct, tabulate
 
 __all__ = ["DecomposedConductor", "plugin_class"]
-
-_log = logging.getLogger(__name__)
-
-_PERMISSIONS = ("allow_partial", "allow_broken")
 
 
 class DecomposedConductor(FresnelPlugin):
@@ -120,7 +107,8 @@ class DecomposedConductor(FresnelPlugin):
         factor = "specular_reflectance"
         self.specular_reflectance = props.get_texture(factor) if factor in props else None
         self._set_roughness(props)
-        self._set_material(props)
+        self.kind, self.parameters = material_textures(props, self.fresnel, self.basis)
+        self._project()
         self.compensation = chosen_compensation(props, self)
         self._check_shaping()
 
@@ -142,47 +130,6 @@ class DecomposedConductor(FresnelPlugin):
             flags = flags | mi.BSDFFlags.Anisotropic
         self.m_flags = flags
         self.m_components = [flags]
-
-    def _set_material(self, props: Any) -> None:
-        kind, names = parameter_set(list(props.keys()), self.basis.terms)
-        if self.fresnel == "exact" and kind in ("nodes", "coefficients"):
-            raise input_error(
-                f"fresnel='exact' with {', '.join(names)}",
-                "material, eta + k or r + g",
-                "Reflectances and coefficients do not determine an index of refraction.",
-            )
-        preset = str(props["material"]) if kind == "material" else ""
-        integrated = "illuminant" in props
-        unused = [name for name in _PERMISSIONS if name in props and not integrated]
-        if unused:
-            raise input_error(
-                f"{' and '.join(unused)} without illuminant",
-                "with material and illuminant",
-                "Without illuminant data are taken as they are; remove it.",
-            )
-        if integrated and preset:
-            illuminant = str(props["illuminant"])
-            partial, broken = (bool(props.get(name, False)) for name in _PERMISSIONS)
-            data = load_material(preset, allow_partial=partial, allow_broken=broken)
-            kind, values = _integrated(data, illuminant, self.fresnel, self.basis)
-            for name, value in values.items():
-                props[name] = value
-            self.parameters = {name: props.get_unbounded_texture(name) for name in values}
-        elif integrated:
-            raise input_error(
-                f"illuminant with {', '.join(names)}",
-                "illuminant with material",
-                "Only measured spectra are integrated.",
-            )
-        elif preset.casefold() == "none" and self.fresnel != "exact":
-            kind = "coefficients"
-            self.parameters = {f"c{i}": _uniform(float(i == 0)) for i in range(self.basis.terms)}
-        elif preset:
-            self.parameters = _preset(preset)
-        else:
-            self.parameters = {name: _texture(props, name) for name in names}
-        self.kind = kind
-        self._project()
 
     def _project(self) -> None:
         """Compute what the Fresnel term stores from the current parameters."""
@@ -361,81 +308,3 @@ class DecomposedConductor(FresnelPlugin):
 def plugin_class() -> type:
     """The plugin class for the active variant."""
     return derived(DecomposedConductor)
-
-
-def _preset(name: str) -> dict[str, Any]:
-    """The textures that the built-in plugin makes of `material`: taken from one of its kind."""
-    indices: dict[str, Any] = {"material": "none"}
-    if name.casefold() != "none":
-        indices["material"] = data_set = find_data_set(name, "'none'")
-        for flag in load_material(data_set, allow_partial=True, allow_broken=True).flags:
-            if flag.startswith("broken"):
-                _log.warning("Mitsuba's material '%s' is %s", data_set, flag)
-        eta, k = (str(path) for path in data_set_files(data_set))
-        if mi.is_spectral and not any(mi.spectrum_from_file(k)[1]):
-            # Mitsuba has no spectra that are 0 everywhere
-            indices = {"eta": {"type": "spectrum", "filename": eta}, "k": 0.0}
-    found = children(mi.load_dict({"type": "roughconductor", **indices}))
-    return {"eta": found["eta"], "k": found["k"]}
-
-
-def _integrated(
-    material: Spectrum, illuminant: str, fresnel: str, basis: Basis
-) -> tuple[str, dict[str, Any]]:
-    """Kind and values of the parameters that stand for a whole spectrum."""
-    weights = rgb_weights(illuminant)  # refuses unknown lights in every variant
-    if mi.is_spectral:
-        eta, k = material.at(WAVELENGTH_NM)
-        return "material", {"eta": _spectrum(eta), "k": _spectrum(k)}
-    if fresnel == "exact":
-        raise input_error(
-            f"fresnel='exact' with an illuminant in {mi.variant()}",
-            "'decomposition', 'schlick' or 'f82', or a spectral variant",
-            "An integrated spectrum has no index of refraction.",
-        )
-    if mi.is_monochromatic:
-        weights = luminance_weights(illuminant)[None]
-
-    def reflectance(cos_theta: float) -> NDArray[np.float64]:
-        return weights @ conductor(cos_theta, *material.at(WAVELENGTH_NM))
-
-    f0 = reflectance(1.0)
-    if fresnel == "decomposition":
-        nodes = np.stack([reflectance(float(np.cos(t))) for t in basis.nodes], axis=-1)
-        values = basis.coefficients_from_reflectance(f0, nodes).T
-        return "coefficients", {f"c{i}": _colour(value) for i, value in enumerate(values)}
-    return "f82", {"f0": _colour(f0), "f82": _colour(reflectance(F82_COSINE))}
-
-
-def _colour(channels: NDArray[np.float64]) -> Any:
-    """A property: a number where there is one channel; of any sign."""
-    return float(channels[0]) if channels.size == 1 else mi.ScalarColor3f(channels.tolist())
-
-
-def _spectrum(values: NDArray[np.float64]) -> Any:
-    """A spectrum on the grid of `colour`, as Mitsuba's object."""
-    if not values.any():  # Mitsuba has no spectra that are 0 everywhere
-        return 0.0
-    return mi.load_dict(
-        {
-            "type": "regular",
-            "wavelength_min": float(WAVELENGTH_NM[0]),
-            "wavelength_max": float(WAVELENGTH_NM[-1]),
-            "values": ", ".join(f"{value:.9g}" for value in values),
-        }
-    )
-
-
-def _uniform(value: float) -> Any:
-    return mi.load_dict({"type": "uniform", "value": value})
-
-
-def _texture(props: Any, name: str) -> Any:
-    if mi.is_spectral and props.type(name) == mi.Properties.Type.Color and min(props[name]) < 0.0:
-        raise input_error(
-            f"{name}={list(props[name])} in {mi.variant()}",
-            "colours >= 0, numbers of any sign",
-            "A colour is upsampled to a spectrum there, which loses its sign; "
-            "use an RGB variant, or give eta and k.",
-        )
-    return props.get_unbounded_texture(name)

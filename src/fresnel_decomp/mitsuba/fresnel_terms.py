@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 import mitsuba as mi
 import numpy as np
 
-from .._check import input_error
 from .._schlick import bend_factor, bent_schlick, schlick
 from ..fresnel import conductor, dielectric
 from ..parametrization import F82_COSINE, gulbrandsen_to_ior
@@ -35,49 +34,10 @@ __all__ = [
     "Material",
     "Schlick",
     "fresnel_term",
-    "parameter_set",
 ]
 
 FRESNEL_TERMS = ("decomposition", "exact", "schlick", "f82")
 """Their names, as plugins take them."""
-
-
-def parameter_set(given: Sequence[str], terms: int) -> tuple[str, tuple[str, ...]]:
-    """The one complete set of material parameters among property names.
-
-    Parameters
-    ----------
-    given : sequence of str
-        Names of the plugin's properties.
-    terms : int
-        Terms of the basis, which decide how many node colours or coefficients there are.
-
-    Returns
-    -------
-    (kind, names), where kind is "material", "indices", "gulbrandsen", "nodes" or "coefficients".
-
-    Raises
-    ------
-    InputError
-        If there is none, more than one, or an incomplete one.
-    """
-    sets = {
-        "material": ("material",),
-        "indices": ("eta", "k"),
-        "gulbrandsen": ("r", "g"),
-        "nodes": tuple(f"f{i}" for i in range(terms - 1)),
-        "coefficients": tuple(f"c{i}" for i in range(terms)),
-    }
-    found = [kind for kind, names in sets.items() if any(name in given for name in names)]
-    if len(found) == 1 and all(name in given for name in sets[found[0]]):
-        return found[0], sets[found[0]]
-    present = [name for names in sets.values() for name in names if name in given]
-    raise input_error(
-        f"the conductor is given by {', '.join(present) or 'nothing'}",
-        "exactly one of " + " | ".join(" + ".join(names) for names in sets.values()),
-        "f0, f1, ... are reflectances at normal incidence and the nodes of the basis, "
-        "c0, c1, ... its coefficients.",
-    )
 
 
 class Material:
@@ -86,8 +46,8 @@ class Material:
     Parameters
     ----------
     kind : str
-        As `parameter_set` returns it; "material" stands for eta and k. Besides, "f82": reflectances
-        at normal incidence and at cos = 1/7.
+        As `conductor_material.parameter_set` returns it; "material" stands for eta and k. Besides,
+        "f82": reflectances at normal incidence and at cos = 1/7.
     values : sequence of flat Dr.Jit arrays
         One per parameter.
     basis : Basis

@@ -13,39 +13,29 @@ from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from .._check import input_error
-from ..basis import Basis, load_basis
-from ..converters import LARGEST_R
-from ..fresnel import conductor
-from ..metallic import default_edge_color, dielectric_eta, metal_coefficients, metal_reflectance
-from ..parametrization import F82_COSINE, gulbrandsen_to_ior
+from ..basis import load_basis
+from ..metallic import dielectric_eta
 from ..representations import DIELECTRIC_F0
 from .coupled_diffuse import LobeAlbedo, coupling, total
 from .fresnel_terms import Decomposition, Lossless, Material
 from .microfacet_lobe import mueller, raised, weight_and_density
 from .plugin import FresnelPlugin, derived
+from .principled_metal import Metal, edge_parameters
 from .ranges import check_range, refuse_recording
 from .tabulation import tabulate
-from .variants import unpolarized
 
-__all__ = ["DEFAULT_EDGE_TINT", "LEAST_ALPHA", "LEAST_ROOT", "DecomposedPrincipled", "plugin_class"]
+__all__ = ["LEAST_ALPHA", "LEAST_ROOT", "DecomposedPrincipled", "plugin_class"]
 
 LEAST_ALPHA = 1e-3
 """What stands for a smoother surface, of roughness below 0.0316, as float32 asks for."""
-
-DEFAULT_EDGE_TINT = 0.5
-"""For the exact term without edge: of all constants the one that is nearest to measured metals."""
 
 _LEAST_ALBEDO = 1e-4
 """Of the lobe, when directions are chosen: it keeps a share of them."""
 
 LEAST_ROOT = 1e-3
 """Square root of F0 below which the fit of the exact term's albedo fades out."""
-
-_LEAST_TINT = 1e-6
-"""Below it k, the square root of something like g, has a slope that float32 cannot hold."""
 
 _LEAST_SHARE = 0.02
 """Of the diffuse base: what the lobe's albedo counts for at least, when directions are chosen."""
@@ -145,9 +135,9 @@ class DecomposedPrincipled(FresnelPlugin):
             if unbounded
             else props.get_texture("dielectric_f0", DIELECTRIC_F0)
         )
-        self.edge, names = _edge(list(props.keys()), self.basis.terms, self.fresnel)
-        self.edges = names
-        self.textures |= {name: props.get_texture(name) for name in names}
+        given = list(props.keys())
+        self.edge, self.edges = edge_parameters(given, self.basis.terms, self.fresnel)
+        self.textures |= {name: props.get_texture(name) for name in self.edges}
 
     def _set_albedo(self) -> None:
         """The table of the Fresnel term's functions, for the base and the choice of directions."""
@@ -213,7 +203,7 @@ class DecomposedPrincipled(FresnelPlugin):
         alpha = dr.maximum(roughness * roughness, LEAST_ALPHA)
         stored: Sequence[Any] = self.lookup.evaluate(si, active)
         edges = [self.textures[name].eval(si, active) for name in self.edges]
-        metal = self.term.project(_Metal(self.edge, base, edges, self.basis))
+        metal = self.term.project(Metal(self.edge, base, edges, self.basis))
         albedos = self.albedo.directional(mi.Frame3f.cos_theta(wi), alpha, active)
         if self.fresnel == "exact":
             parts = [(1.0 - metallic, Lossless(), stored[:2]), (metallic, self.term, metal)]
@@ -347,73 +337,9 @@ class _Point(NamedTuple):
     """Of choosing the lobe."""
 
 
-class _Metal(Material):
-    """The metal at a shading point."""
-
-    def __init__(self, kind: str, base: Any, edges: list[Any], basis: Basis) -> None:
-        super().__init__(kind, (base, *edges), basis)
-        self.base, self.edges = base, edges
-
-    def indices(self) -> Sequence[Any]:
-        tint = self.edges[0] if self.kind == "tint" else mi.UnpolarizedSpectrum(DEFAULT_EDGE_TINT)
-        pairs = [
-            gulbrandsen_to_ior(_inside(r, 1e-8, LARGEST_R), _inside(g, _LEAST_TINT, 1.0))
-            for r, g in zip(self.base, tint, strict=True)
-        ]
-        return tuple(unpolarized(values) for values in zip(*pairs, strict=True))
-
-    def reflectance(self, cos_theta: float) -> Any:
-        if cos_theta == 1.0:
-            return self.base
-        if self.kind == "tint":
-            return unpolarized(
-                [
-                    conductor(cos_theta, *index, precision="native")
-                    for index in zip(*self.indices(), strict=True)
-                ]
-            )
-        if self.kind == "nodes":
-            return self.basis.evaluate(self.coefficients(), cos_theta)
-        edge = self.edges[0] if self.edges else default_edge_color(self.base)
-        return edge if cos_theta == F82_COSINE else metal_reflectance(self.base, edge, cos_theta)
-
-    def coefficients(self) -> Sequence[Any]:
-        if self.kind == "nodes":
-            return self.basis.coefficients_from_reflectance(self.base, self.edges)
-        if self.kind == "tint":
-            nodes = [self.reflectance(float(np.cos(node))) for node in self.basis.nodes]
-            return self.basis.coefficients_from_reflectance(self.base, nodes)
-        edge = self.edges[0] if self.edges else default_edge_color(self.base)
-        return metal_coefficients(self.base, edge, self.basis)
-
-
 def plugin_class() -> type:
     """The plugin class for the active variant."""
     return derived(DecomposedPrincipled)
-
-
-def _edge(given: Sequence[str], terms: int, fresnel: str) -> tuple[str, tuple[str, ...]]:
-    """Kind and names of the edge parameters among property names."""
-    nodes = tuple(f"edge_color_{i + 1}" for i in range(terms - 2))
-    sets = {"color": ("edge_color",), "nodes": nodes, "tint": ("edge_tint",)}
-    found = [kind for kind, names in sets.items() if any(name in given for name in names)]
-    if not found:
-        return "usual", ()
-    present = [name for names in sets.values() for name in names if name in given]
-    if len(found) > 1 or len(present) != len(sets[found[0]]):
-        raise input_error(
-            f"the edge of the metal is given by {', '.join(present)}",
-            "nothing, or one of " + " | ".join(" + ".join(names) for names in sets.values()),
-            "edge_color is the reflectance at cos = 1/7, edge_color_1, ... are those at the nodes "
-            "of the basis.",
-        )
-    if fresnel == "exact" and found != ["tint"]:
-        raise input_error(
-            f"fresnel='exact' with {', '.join(present)}",
-            "edge_tint, or nothing",
-            "Reflectances do not determine an index of refraction.",
-        )
-    return found[0], sets[found[0]]
 
 
 def _enabled(ctx: Any) -> tuple[bool, bool]:
@@ -423,11 +349,6 @@ def _enabled(ctx: Any) -> tuple[bool, bool]:
         ctx.is_enabled(flags.GlossyReflection, 0),
         ctx.is_enabled(flags.DiffuseReflection, 1),
     )
-
-
-def _inside(value: Any, low: float, high: float) -> Any:
-    """`dr.clip` that is differentiated as if it were not there: at its ends, from within."""
-    return dr.replace_grad(dr.clip(value, low, high), value)
 
 
 def _mean(spectrum: Any) -> Any:
