@@ -352,25 +352,12 @@ def _white() -> AlbedoTable:
 
 
 def test_input_that_is_refused(table: AlbedoTable, vectorised: None) -> None:
-    import mitsuba as mi
-
     with pytest.raises(InputError, match="accepted: 3 channels with 4 terms"):
         SplitAlbedo(table, np.ones((3, 3)))
     with pytest.raises(InputError, match="accepted: 3 channels"):
         SplitAlbedo(table, np.ones(4))
     with pytest.raises(InputError, match=r"alpha=1\.5"):
         SplitMaterial(schlick_albedo([0.5] * 3), 1.5)
-    scene = mi.load_dict(lit_object({"type": "diffuse"}, city(16).emitter(), 8))
-    with pytest.raises(InputError, match="spp=12; accepted: a square number"):
-        visible_surface(scene, 12)
-    for spp in (0, -4, 4.0, "4"):
-        with pytest.raises(InputError, match=r"spp=.*; accepted: a square number"):
-            visible_surface(scene, spp)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="seed=-1; accepted: an integer"):
-        visible_surface(scene, 4, seed=-1)
-    blind = mi.load_dict({"type": "scene", "object": {"type": "sphere"}})
-    with pytest.raises(InputError, match=r"a scene without a sensor; accepted: .*Add a"):
-        visible_surface(blind, 4)
     for f0 in ([0.5, 0.5], [0.5, np.nan, 0.5], "gold"):
         with pytest.raises(InputError, match=r"f0.*accepted: three finite numbers, or one"):
             schlick_albedo(f0)  # type: ignore[arg-type]
