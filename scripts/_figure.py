@@ -28,8 +28,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from _markdown import check_page, insert
 from fresnel_decomp import __version__, doctor, load_basis
 from fresnel_decomp._check import input_error
-from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import replacing, writable_folder, write_json
+from fresnel_decomp.cli import run_and_exit
 
 ROOT = Path(__file__).resolve().parents[1]
 SCRIPTS = Path(__file__).resolve().parent

@@ -59,8 +59,8 @@ from _screen_pass import (
 )
 from fresnel_decomp import __version__, doctor
 from fresnel_decomp._check import input_error
-from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import writable_folder, write_json
+from fresnel_decomp.cli import run_and_exit
 from fresnel_decomp.images import delta_e, display, nrmse
 from fresnel_decomp.machine import graphics_card, processor, source_hash
 from fresnel_decomp.report import style

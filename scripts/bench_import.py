@@ -26,8 +26,8 @@ from rich.console import Console
 from rich.progress import Progress
 
 from _markdown import insert, markdown
-from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import write_json
+from fresnel_decomp.cli import run_and_exit
 from fresnel_decomp.machine import processor
 
 MARKS = ("<!-- import times -->\n", "<!-- end of import times -->\n")

@@ -44,11 +44,11 @@ from fresnel_decomp import (
     doctor,
     load_basis,
 )
-from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import write_json
 from fresnel_decomp.albedo import QUADRATURE
 from fresnel_decomp.albedo_estimates import quasi_monte_carlo_albedo
 from fresnel_decomp.albedo_refined import refined_albedo
+from fresnel_decomp.cli import run_and_exit
 from fresnel_decomp.fast_curves import FastCurves
 from fresnel_decomp.microfacet import DISTRIBUTIONS, SMITH
 from fresnel_decomp.table import BAKE_QUADRATURE, CHECK_QUADRATURE

@@ -22,8 +22,8 @@ import click
 from _markdown import insert
 from fresnel_decomp import doctor
 from fresnel_decomp._check import input_error
-from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import write_text
+from fresnel_decomp.cli import run_and_exit
 from fresnel_decomp.cli.bench import run_bench
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -42,8 +42,8 @@ from _hard_cases import (
 from _markdown import insert, markdown
 from _peer_formulas import FORMULAS, Formula
 from fresnel_decomp import __version__, doctor
-from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import write_json, write_text
+from fresnel_decomp.cli import run_and_exit
 from fresnel_decomp.report import style
 
 MARKS = ("<!-- tables -->\n", "<!-- end of tables -->\n")

@@ -12,12 +12,12 @@ from typing import NoReturn
 
 import click
 
-from .._command import run_and_exit
 from .._version import __version__
 from . import basis, bench, compare, doctor, materials, plan
+from ._exit import run_and_exit
 from ._numbers import join_numbers
 
-__all__ = ["cli", "main"]
+__all__ = ["cli", "main", "run_and_exit"]
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})

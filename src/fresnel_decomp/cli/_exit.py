@@ -8,7 +8,7 @@ from typing import NoReturn
 
 import click
 
-from ._check import InputError
+from .._check import InputError
 
 __all__ = ["run_and_exit"]
 
