@@ -218,7 +218,7 @@ def shaded(albedo) -> np.ndarray:
 
 bsdf = conductor(eta, k, alpha=alpha)
 scene = fd.mitsuba.scenes.lit_object(bsdf, city.emitter(), size, background=False)
-surface = split_sum.visible_surface(mi.load_dict(scene))
+surface = fd.mitsuba.visible_surface.visible_surface(mi.load_dict(scene))
 images = {
     "path traced": path_traced("exact"),
     "path traced, four terms": path_traced("decomposition"),

@@ -83,7 +83,7 @@ show({"as written: exact equations": exact}, width=8)
 # small as a point, which shows single angles.
 
 # %%
-found = fd.mitsuba.scene_plan.inventory(scene)
+found = fd.mitsuba.inventory.take_inventory(scene)
 for surface in found.surfaces:
     eta, k = surface.eta.round(2), surface.k.round(2)
     print(f"{surface.name:10} eta {eta}, k {k}, alpha {surface.alpha[0]:.2f}")
@@ -162,7 +162,7 @@ for bound, planned in plans.items():
 # %%
 white = {**scene, **{name: {**scene[name], "material": "none"} for name in metals}}
 arriving = fd.mitsuba.comparison.render_scene(mi.load_dict(white), spp)
-surface = fd.mitsuba.split_sum.visible_surface(mi.load_dict(scene), spp=16)
+surface = fd.mitsuba.visible_surface.visible_surface(mi.load_dict(scene), spp=16)
 shown = np.array(surface.shape).reshape(size[1], size[0], 16)
 errors = {}
 for bound, planned in plans.items():

@@ -158,7 +158,7 @@ class Study:
         return mi.load_dict(lit_by_area(bsdf, light_for(scene), self.size, shape=scene.object))
 
     def surface(self, scene: Scene) -> Any:
-        from fresnel_decomp.mitsuba.split_sum import visible_surface
+        from fresnel_decomp.mitsuba.visible_surface import visible_surface
 
         key = scene.object, scene.light
         if key not in self.surfaces:

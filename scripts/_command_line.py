@@ -13,7 +13,7 @@ import click
 from _markdown import Marks, check_page
 from fresnel_decomp import doctor
 from fresnel_decomp._check import input_error
-from fresnel_decomp._command import run_and_exit
+from fresnel_decomp.cli import run_and_exit
 
 ROOT = Path(__file__).resolve().parents[1]
 HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"]}

@@ -112,8 +112,9 @@ def pictures(job: Job) -> dict[str, Any]:
     from fresnel_decomp.mitsuba.prefilter import prefilter
     from fresnel_decomp.mitsuba.scenes import lit_object
     from fresnel_decomp.mitsuba.skies import city
-    from fresnel_decomp.mitsuba.split_sum import SplitMaterial, render_split_sum, visible_surface
+    from fresnel_decomp.mitsuba.split_sum import SplitMaterial, render_split_sum
     from fresnel_decomp.mitsuba.variants import variant_scope
+    from fresnel_decomp.mitsuba.visible_surface import visible_surface
     from fresnel_decomp.split_albedo import SplitAlbedo, compensated_albedo
 
     size, spp, seed = (job.settings[name] for name in ("size", "spp", "seed"))

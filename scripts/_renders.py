@@ -11,7 +11,7 @@ import numpy as np
 from _figure import Job, read_sidecar, write_table
 from fresnel_decomp.images import read_exr, write_exr
 from fresnel_decomp.models import model_from_ior
-from fresnel_decomp.report.images import RenderRow
+from fresnel_decomp.report.renders import RenderRow
 from fresnel_decomp.subjects import Subject
 
 MODELS = ("exact", "decomposition", "schlick")

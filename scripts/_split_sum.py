@@ -180,7 +180,7 @@ class Study:
         return mi.load_dict(lit_object(bsdf, light, self.size, shape=scene.shape, background=False))
 
     def surface(self, scene: Scene) -> Any:
-        from fresnel_decomp.mitsuba.split_sum import visible_surface
+        from fresnel_decomp.mitsuba.visible_surface import visible_surface
 
         if scene.shape not in self.surfaces:
             loaded = self.loaded(scene, "exact")

@@ -24,7 +24,7 @@ from _markdown import insert, marks
 from fresnel_decomp import doctor
 from fresnel_decomp._check import input_error
 from fresnel_decomp._files import write_text
-from fresnel_decomp.cli import run_bench
+from fresnel_decomp.cli.bench import run_bench
 
 FIGURES = ROOT / "docs" / "figures"
 STEM = "speed_vs_error"

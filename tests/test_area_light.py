@@ -360,7 +360,7 @@ def test_pictures_are_those_of_mitsuba(vectorised: None, shape) -> None:
 
     from fresnel_decomp.mitsuba.area_light import LitMaterial, lit_by_area, render_area_light
     from fresnel_decomp.mitsuba.comparison import conductor_bsdf, render_scene
-    from fresnel_decomp.mitsuba.split_sum import visible_surface
+    from fresnel_decomp.mitsuba.visible_surface import visible_surface
     from fresnel_decomp.split_albedo import integrated_albedo
 
     light = AreaLight(shape, [0, 0.8, -1.2], [0.8, 0, 0], [0, 0.55, 0], radiance=[6.0, 5.0, 4.0])

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from fresnel_decomp import cli
+from fresnel_decomp import cli, load_basis
 from fresnel_decomp.report import comparison
 
 QUICK = ["--variant", "scalar_rgb", "--size", "12", "--spp", "4"]
@@ -223,6 +223,18 @@ def test_basis(capsys, tmp_path):
     assert "node 3: 1.310000 rad" in text
     assert "condition number" in text
     assert path.stat().st_size > 10_000
+
+
+def test_basis_from_a_file(capsys, tmp_path, monkeypatch):
+    """Its number of terms is that of the file, and the picture is not put beside it."""
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    load_basis("talk", 5).save(folder / "own.json")
+    code, text, _ = run(capsys, "basis", "--recipe", str(folder / "own.json"))
+    assert code == 0
+    assert "node 4:" in text
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["basis-own-5.png"]
 
 
 def test_doctor(capsys):

@@ -155,6 +155,13 @@ def test_spectra_without_absorption() -> None:
     assert np.isfinite(images["metal"]).all()
 
 
+@pytest.mark.parametrize(("name", "value"), [("spp", 1.5), ("spp", 0), ("seed", -1)])
+def test_samples_and_seeds_are_counted(variant: str, name: str, value: float) -> None:
+    bsdfs = {"a": {"type": "diffuse"}}
+    with pytest.raises(InputError, match=f"{name}={value}; accepted: an integer"):
+        comparison.render_bsdfs(bsdfs, **{"size": 4, "spp": 1, name: value})
+
+
 def test_bad_input(variant: str) -> None:
     with pytest.raises(InputError, match="eta of shape"):
         comparison.conductor_bsdf([1.0, 2.0], K)

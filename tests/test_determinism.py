@@ -65,7 +65,7 @@ def bsdfs(seed: int) -> Any:
 
 def surface(seed: int) -> Any:
     from fresnel_decomp.mitsuba.scenes import load_scene
-    from fresnel_decomp.mitsuba.split_sum import visible_surface
+    from fresnel_decomp.mitsuba.visible_surface import visible_surface
 
     found = visible_surface(load_scene("studio", bsdf(), 8), 4, seed)
     return [np.array(found.normal), np.array(found.view)]
@@ -82,7 +82,7 @@ SEEDED: dict[str, Callable[[int], Any]] = {
     "albedo_estimates.quasi_monte_carlo_albedo": quasi_monte_carlo,
     "mitsuba.comparison.render_bsdfs": bsdfs,
     "mitsuba.comparison.render_scene": scene,
-    "mitsuba.split_sum.visible_surface": surface,
+    "mitsuba.visible_surface.visible_surface": surface,
     "mitsuba.workloads.picture": workload_picture,
     "random_walk.random_walk_albedo": random_walk,
 }

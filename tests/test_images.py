@@ -140,7 +140,7 @@ def test_bad_images() -> None:
 def test_grid_is_drawn_whole(tmp_path: Path, picture: np.ndarray) -> None:
     import sys
 
-    from fresnel_decomp.report.images import RenderRow, draw_renders
+    from fresnel_decomp.report.renders import RenderRow, draw_renders
 
     light = np.clip(np.abs(picture), 0, 1)
     row = RenderRow.compute("Be, α = 0.1", {"exact": light, "schlick": light * 0.9})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,13 @@ import pytest
 from fresnel_decomp import RECIPES, Material, load_basis, load_material
 from fresnel_decomp.cli import main
 from fresnel_decomp.colour import srgb_hex
-from fresnel_decomp.report.material_card import draw_card, make_card, remarks, table_rows
+from fresnel_decomp.report.material_card import (
+    draw_card,
+    make_card,
+    remarks,
+    render_card,
+    table_rows,
+)
 
 
 @pytest.mark.parametrize("recipe", RECIPES)
@@ -44,6 +51,16 @@ def test_picture_without_a_render(terms, tmp_path: Path):
     path = tmp_path / "card.png"
     draw_card(make_card(load_material("Cu"), load_basis(terms=terms)), path)
     assert path.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("other", [False, True])
+def test_the_picture_is_of_the_card_s_own_basis(other: bool):
+    """Also where a basis of that name ships, and another one is meant."""
+    shipped = load_basis("talk", 4)
+    basis = replace(load_basis("notebook", 4), recipe="talk") if other else shipped
+    picture = render_card(make_card(load_material("Cu"), basis), "scalar_rgb", 12, 4)
+    usual = render_card(make_card(load_material("Cu"), shipped), "scalar_rgb", 12, 4)
+    assert (picture == usual).all() != other
 
 
 def command(*arguments: str) -> int:

@@ -14,8 +14,12 @@ import pytest
 from fresnel_decomp import InputError, conductor, load_basis
 from fresnel_decomp.images import write_exr
 from fresnel_decomp.mitsuba import fresnel_terms, register
+from fresnel_decomp.mitsuba.environment import row_weights
+from fresnel_decomp.mitsuba.inventory import take_inventory
 from fresnel_decomp.mitsuba.operations import count_operations, count_vector_operations
-from fresnel_decomp.mitsuba.scene_plan import inventory, plan_scene
+from fresnel_decomp.mitsuba.scene_plan import plan_scene
+from fresnel_decomp.mitsuba.scenes import studio_lights
+from fresnel_decomp.mitsuba.skies import city
 from fresnel_decomp.prediction import EVEN_SKY, operations
 
 LLVM_RGB = pytest.mark.parametrize("variant", ["llvm_ad_rgb"], indirect=True)
@@ -118,7 +122,7 @@ def scene_file(tmp_path: Path) -> Path:
 
 @LLVM_RGB
 def test_what_is_found(scene_file: Path, variant: str) -> None:
-    found = inventory(scene_file)
+    found = take_inventory(scene_file)
     surfaces = {surface.name: surface for surface in found.surfaces}
     assert len(surfaces) == len(found.surfaces) == 4  # each once, the unused one not
     assert surfaces["gold"].alpha == pytest.approx((0.2, 0.2))
@@ -290,10 +294,44 @@ def test_lights_decide(variant: str) -> None:
     contrast = {}
     for name, light in lights.items():
         scene = mi.load_dict({"type": "scene", "s": {"type": "sphere", "bsdf": gold}, "l": light})
-        contrast[name] = inventory(scene).surfaces[0].contrast
+        contrast[name] = take_inventory(scene).surfaces[0].contrast
     assert contrast["even"] == EVEN_SKY
     assert contrast["point"] == contrast["area"] == np.inf
     assert 50.0 < contrast["sun"] < np.inf
+
+
+@pytest.mark.parametrize("kind", ["studio", "city"])
+def test_environments_have_one_contrast_in_all_variants(kind: str) -> None:
+    """Spectral variants keep coefficients of spectra in the place of radiance."""
+    radiance = studio_lights(64) if kind == "studio" else city(64).radiance
+    grey = radiance.mean(axis=-1, dtype=np.float64)
+    area = row_weights(len(grey))[:, None] / (2.0 * grey.shape[1])
+    mean = (area * grey).sum()
+    expected = EVEN_SKY + (area * (grey / mean - 1.0) ** 2).sum()
+    gold = {"type": "roughconductor", "material": "Au"}
+    before = mi.variant()
+    for name in ("scalar_rgb", "scalar_spectral"):
+        mi.set_variant(name)
+        light = {"type": "envmap", "bitmap": mi.Bitmap(np.array(radiance))}
+        scene = mi.load_dict({"type": "scene", "s": {"type": "sphere", "bsdf": gold}, "l": light})
+        found = take_inventory(scene).surfaces[0].contrast
+        # of colours, the mean over wavelengths is only nearly that over the channels
+        assert found == pytest.approx(expected, rel=1e-5 if kind == "studio" else 0.02), name
+    mi.set_variant(before)
+
+
+def test_roughness_that_is_known_in_part(variant: str) -> None:
+    attribute = {"type": "mesh_attribute", "name": "vertex_alpha"}
+    board = {"type": "checkerboard", "color0": 0.2, "color1": 0.3}
+    half = {"type": "checkerboard", "color0": 0.2, "color1": attribute}
+    gold = {"type": "roughconductor", "material": "Au"}
+    for given, expected in (
+        ({"alpha": board}, (0.2, 0.3)),
+        ({"alpha": half}, (1e-3, 1.0)),
+        ({"alpha_u": board, "alpha_v": attribute}, (1e-3, 1.0)),
+    ):
+        scene = {"type": "scene", "s": {"type": "sphere", "bsdf": gold | given}}
+        assert take_inventory(scene).surfaces[0].alpha == pytest.approx(expected)
 
 
 def test_a_scene_without_metal_carries_nothing(variant: str) -> None:
@@ -424,7 +462,7 @@ def test_what_xml_cannot_hold_leaves_nothing_behind(tmp_path: Path, variant: str
 
 def test_no_roughness_is_left_alone(variant: str) -> None:
     mirror = {"type": "roughconductor", "material": "Au", "alpha": 0.0}
-    found = inventory({"type": "scene", "s": {"type": "sphere", "bsdf": mirror}})
+    found = take_inventory({"type": "scene", "s": {"type": "sphere", "bsdf": mirror}})
     assert found.surfaces == ()
     assert "roughness is 0" in found.left[0].why
 
@@ -433,5 +471,5 @@ def test_the_contrast_of_darkness(variant: str) -> None:
     dark = {"type": "envmap", "bitmap": mi.Bitmap(np.zeros((8, 16, 3), np.float32))}
     gold = {"type": "roughconductor", "material": "Au"}
     scene = {"type": "scene", "s": {"type": "sphere", "bsdf": gold}, "l": dark}
-    found = inventory(mi.load_dict(scene))
+    found = take_inventory(mi.load_dict(scene))
     assert found.surfaces[0].contrast == EVEN_SKY

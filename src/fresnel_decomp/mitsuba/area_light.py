@@ -17,8 +17,8 @@ from .._array import is_drjit
 from .._check import choose, input_error, is_real
 from ..area_light import CORRECTIONS, AreaLight, AreaMaterial, Correction, shade_area_light
 from ..ltc import LobeTable
-from .scenes import _camera, _film_size
-from .split_sum import VisibleSurface, averaged, where
+from .scenes import camera, film_size
+from .visible_surface import VisibleSurface, averaged, where
 
 __all__ = ["OBJECTS", "LitMaterial", "emitter", "lit_by_area", "render_area_light"]
 
@@ -125,21 +125,21 @@ def lit_by_area(
     dict
         Of shapes "object" and "light". Paths are of direct light only, as in the formulas.
     """
-    width, height = _film_size(size)
+    width, height = film_size(size)
     choose("shape", shape, OBJECTS)
     import mitsuba as mi
 
     turn = mi.ScalarTransform4f().rotate([1, 0, 0], -90.0)
     if shape == "plane":
         thing = {"type": "rectangle", "to_world": turn.scale([20.0, 20.0, 1.0]), "bsdf": bsdf}
-        camera = ([0.0, 3.4, 5.0], [0.0, 0.35, 0.1], 32.0)
+        view = ([0.0, 3.4, 5.0], [0.0, 0.35, 0.1], 32.0)
     else:
         thing = {"type": "sphere", "center": [0.0, 1.0, 0.0], "radius": 1.0, "bsdf": bsdf}
-        camera = ([0.0, 1.6, 6.0], [0.0, 1.0, 0.0], 21.0)
+        view = ([0.0, 1.6, 6.0], [0.0, 1.0, 0.0], 21.0)
     return {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 2, "rr_depth": 3},
-        "sensor": _camera(width, height, *camera, spp, rfilter),
+        "sensor": camera(width, height, *view, spp, rfilter),
         "light": emitter(light),
         "object": thing,
     }

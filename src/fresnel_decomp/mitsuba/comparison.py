@@ -19,11 +19,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._check import choose, input_error
+from .._check import choose, input_error, is_whole
 from .._files import writable_folder
 from .._version import __version__
 from ..basis import load_basis
 from ..images import read_exr, read_exr_attributes, write_exr
+from ..microfacet import DISTRIBUTIONS
+from .fresnel_terms import FRESNEL_TERMS
 from .scenes import load_scene
 from .variants import variant_scope
 
@@ -101,7 +103,7 @@ def conductor_bsdf(
     wavelength_nm: ArrayLike | None = None,
     distribution: str = "ggx",
     recipe: str = "talk",
-    terms: int = 4,
+    terms: int | None = None,
 ) -> dict[str, Any]:
     """The dictionary of a `decomposed_conductor`.
 
@@ -117,7 +119,7 @@ def conductor_bsdf(
         Makes eta and k spectra; for spectral variants, which would turn RGB into a colour.
     distribution : 'ggx' or 'beckmann'
     recipe, terms
-        The basis, for `fresnel='decomposition'`.
+        The basis, for `fresnel='decomposition'`; see `load_basis`.
 
     Returns
     -------
@@ -136,12 +138,13 @@ def conductor_bsdf(
         "eta": _index("eta", eta, wavelength_nm),
         "k": _index("k", k, wavelength_nm),
         "alpha": float(alpha),
-        "distribution": choose("distribution", distribution, ("ggx", "beckmann")),
-        "fresnel": choose("fresnel", fresnel, ("exact", "decomposition", "schlick", "f82")),
+        "distribution": choose("distribution", distribution, DISTRIBUTIONS),
+        "fresnel": choose("fresnel", fresnel, FRESNEL_TERMS),
     }
     if fresnel == "decomposition":
-        load_basis(recipe, terms).coefficients(eta, k)  # refuses indices that fit badly
-        bsdf |= {"recipe": recipe, "terms": int(terms)}
+        basis = load_basis(recipe, terms)
+        basis.coefficients(eta, k)  # refuses indices that fit badly
+        bsdf |= {"recipe": recipe, "terms": basis.terms}
     return bsdf
 
 
@@ -196,8 +199,12 @@ def render_scene(
     """
     import mitsuba as mi
 
-    if spp < 1:
-        raise input_error(f"spp={spp}", "an integer ≥ 1", "64 gives clean pictures of our scenes.")
+    if not is_whole(spp, 1):
+        raise input_error(
+            f"spp={spp!r}", "an integer ≥ 1", "64 gives clean pictures of our scenes."
+        )
+    if not is_whole(seed, 0):
+        raise input_error(f"seed={seed!r}", "an integer ≥ 0", "Any will do.")
     width, height = scene.sensors()[0].film().size()
     scalar = str(mi.variant()).startswith("scalar")
     limit = (_WAVEFRONT_SCALAR if scalar else _WAVEFRONT) // (width * height)
@@ -331,7 +338,7 @@ def render_models(
     wavelength_nm: ArrayLike | None = None,
     distribution: str = "ggx",
     recipe: str = "talk",
-    terms: int = 4,
+    terms: int | None = None,
     **options: Any,
 ) -> dict[str, NDArray[np.float32]]:
     """Render a conductor with several Fresnel models that share indices, paths and samples.

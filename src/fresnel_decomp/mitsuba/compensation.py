@@ -31,8 +31,7 @@ from ..energy import weighted as weighted_sum
 from ..microfacet import Distribution, Smith
 from .albedo_texture import AlbedoTexture
 from .microfacet_lobe import raised
-from .ranges import recording
-from .tabulation import stored_values
+from .ranges import UNKNOWN_ALPHA, refuse_recording, value_range
 
 __all__ = ["Lobe", "Scaling", "Uncompensated", "chosen_compensation"]
 
@@ -118,14 +117,12 @@ class _Anisotropic:
         self.ranges: Any = None
 
     def update(self, plugin: Any) -> None:
-        if recording():  # there are no values to look at
-            raise input_error(
-                "new alpha_u and alpha_v with energy compensation in a recorded function "
-                "(dr.freeze) or a symbolic loop",
-                "updates outside of it, or one alpha",
-                "Call params.update() before it.",
-            )
-        ranges = [_range(texture) for texture in (plugin.alpha_u, plugin.alpha_v)]
+        refuse_recording(
+            "new alpha_u and alpha_v with energy compensation",
+            "updates outside of it, or one alpha",
+        )
+        textures = (plugin.alpha_u, plugin.alpha_v)
+        ranges = [value_range(texture) or UNKNOWN_ALPHA for texture in textures]
         if ranges == self.ranges:
             return
         self.ranges, self.grid = ranges, _grid(*self.made_of, *ranges)
@@ -178,24 +175,14 @@ class _Anisotropic:
         return tuple(self.losses.eval(mi.Point2f((u + 0.5) / n_u, (v + 0.5) / n_v)))
 
 
-def _range(texture: Any) -> tuple[float, float]:
-    """Least and largest value of a roughness; all if they are known at surface points only."""
-    values = [np.array(part, np.float64).ravel() for part in stored_values(texture)]
-    if not values:
-        return 1e-3, 1.0
-    flat = np.concatenate(values)
-    return float(flat.min()), float(flat.max())
-
-
 class _Compensated(Uncompensated):
     """With a table of the functions that the Fresnel term is made of."""
 
     def __init__(self, plugin: Any) -> None:
-        ggx = plugin.distribution == mi.MicrofacetType.GGX
         # not `term.functions` of a basis: other plugins have the same closed form, and its tables
         on_basis = plugin.fresnel in ("exact", "decomposition")
-        functions = plugin.basis().closed_form if on_basis else plugin.term.functions
-        made_of: Any = (functions, "ggx" if ggx else "beckmann", plugin.smith)
+        functions = plugin.basis.closed_form if on_basis else plugin.term.functions
+        made_of: Any = (functions, plugin.distribution, plugin.smith)
         self.energy = _energy_table(*made_of)
         isotropic = plugin.alpha_u is plugin.alpha_v
         self.tables: Any = _Isotropic(self.energy) if isotropic else _Anisotropic(*made_of)
@@ -208,7 +195,7 @@ class _Compensated(Uncompensated):
         values = plugin.lookup.evaluate(si, active)
         if plugin.fresnel != "exact":
             return plugin.term.weights(*values)
-        basis = plugin.basis()
+        basis = plugin.basis
         f0, *nodes = (plugin.term(float(np.cos(t)), *values) for t in (0.0, *basis.nodes))
         return basis.coefficients_from_reflectance(f0, nodes)
 
@@ -275,7 +262,7 @@ class Lobe(_Compensated):
     ) -> tuple[Any, Any]:
         bs, wi = dr.zeros(mi.BSDFSample3f), raised(si.wi)
         lobe_chosen = sample1 < self._chance(plugin, si, wi, active)
-        m, _ = plugin._microfacets(si, active).sample(wi, sample2)
+        m, _ = plugin.microfacets(si, active).sample(wi, sample2)
         s2 = _spread(plugin, si, active)
         square = sample2.x * s2 / (1.0 + s2 - sample2.x)
         sin_phi, cos_phi = dr.sincos(2.0 * math.pi * sample2.y)
@@ -303,7 +290,7 @@ def _spread(plugin: Any, si: Any, active: Any) -> Any:
     if plugin.alpha_u is not plugin.alpha_v:
         alpha = 0.5 * (alpha + plugin.alpha_v.eval_1(si, active))
     alpha = dr.detach(dr.maximum(alpha, 1e-6))  # also where inactive; any will do
-    if plugin.distribution == mi.MicrofacetType.GGX:
+    if plugin.distribution == "ggx":
         return alpha * (2.5 + 15.0 * alpha)
     square = alpha * alpha
     return square * (3.2 + 20.0 * square)

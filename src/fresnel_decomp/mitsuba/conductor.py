@@ -7,38 +7,25 @@ sampling of visible normals (Heitz and d'Eon 2014), in the same order of operati
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
-from numpy.typing import NDArray
 
 from .._check import choose, input_error
-from .._data_sets import data_set_files, find_data_set
-from ..basis import Basis, load_basis
-from ..colour import WAVELENGTH_NM, luminance_weights, rgb_weights
-from ..fresnel import conductor
 from ..microfacet import SMITH
-from ..parametrization import F82_COSINE
-from ..spectra import Material as Spectrum
-from ..spectra import load_material
 from .compensation import chosen_compensation
-from .fresnel_terms import F82, Decomposition, Exact, Material, Schlick, parameter_set
-from .microfacet_lobe import correlated, derived, mueller, raised, weight_and_density
-from .ranges import check_range, recording
-from .tabulation import children, direct, tabulate
+from .conductor_material import material_textures
+from .fresnel_terms import Material
+from .microfacet_lobe import correlated, mueller, raised, weight_and_density
+from .plugin import FresnelPlugin, derived
+from .ranges import check_range, refuse_recording
+from .tabulation import direct, tabulate
 
 __all__ = ["DecomposedConductor", "plugin_class"]
 
-_log = logging.getLogger(__name__)
 
-_PERMISSIONS = ("allow_partial", "allow_broken")
-
-
-class DecomposedConductor:
+class DecomposedConductor(FresnelPlugin):
     """Rough conductor with the exact Fresnel term, the decomposition, Schlick or F82.
 
     Mitsuba sees a class with these methods that derives from `mi.BSDF` of one variant; it is made
@@ -114,19 +101,14 @@ class DecomposedConductor:
 
     def __init__(self, props: Any) -> None:
         mi.BSDF.__init__(self, props)
-        fresnel = str(props.get("fresnel", "decomposition"))
-        choose("fresnel", fresnel, ("decomposition", "exact", "schlick", "f82"))
-        distribution = str(props.get("distribution", "beckmann")).lower()
-        choose("distribution", distribution, ("beckmann", "ggx"))
-        types = mi.MicrofacetType
-        self.distribution = types.GGX if distribution == "ggx" else types.Beckmann
-        self.sample_visible = bool(props.get("sample_visible", True))
+        self._set_fresnel(props, distribution="beckmann")
         likely = "correlated" if props.get("energy_compensation", False) else "separable"
         self.smith = choose("smith", str(props.get("smith", likely)), SMITH)
         factor = "specular_reflectance"
         self.specular_reflectance = props.get_texture(factor) if factor in props else None
         self._set_roughness(props)
-        self._set_material(props, fresnel)
+        self.kind, self.parameters = material_textures(props, self.fresnel, self.basis)
+        self._project()
         self.compensation = chosen_compensation(props, self)
         self._check_shaping()
 
@@ -149,56 +131,6 @@ class DecomposedConductor:
         self.m_flags = flags
         self.m_components = [flags]
 
-    def _set_material(self, props: Any, fresnel: str) -> None:
-        recipe, terms = str(props.get("recipe", "talk")), int(props.get("terms", 0)) or None
-        if recipe.endswith(".json"):  # relative to the scene file
-            recipe = str(mi.file_resolver().resolve(recipe))
-        basis = load_basis(recipe, terms)
-        terms = basis.terms
-        kind, names = parameter_set(list(props.keys()), terms)
-        if fresnel == "exact" and kind in ("nodes", "coefficients"):
-            raise input_error(
-                f"fresnel='exact' with {', '.join(names)}",
-                "material, eta + k or r + g",
-                "Reflectances and coefficients do not determine an index of refraction.",
-            )
-        preset = str(props["material"]) if kind == "material" else ""
-        integrated = "illuminant" in props
-        unused = [name for name in _PERMISSIONS if name in props and not integrated]
-        if unused:
-            raise input_error(
-                f"{' and '.join(unused)} without illuminant",
-                "with material and illuminant",
-                "Without illuminant data are taken as they are; remove it.",
-            )
-        if integrated and preset:
-            illuminant = str(props["illuminant"])
-            partial, broken = (bool(props.get(name, False)) for name in _PERMISSIONS)
-            data = load_material(preset, allow_partial=partial, allow_broken=broken)
-            kind, values = _integrated(data, illuminant, fresnel, lambda: basis)
-            for name, value in values.items():
-                props[name] = value
-            self.parameters = {name: props.get_unbounded_texture(name) for name in values}
-        elif integrated:
-            raise input_error(
-                f"illuminant with {', '.join(names)}",
-                "illuminant with material",
-                "Only measured spectra are integrated.",
-            )
-        elif preset.casefold() == "none" and fresnel != "exact":
-            kind = "coefficients"
-            self.parameters = {f"c{i}": _uniform(float(i == 0)) for i in range(terms)}
-        elif preset:
-            self.parameters = _preset(preset)
-        else:
-            self.parameters = {name: _texture(props, name) for name in names}
-        self.fresnel, self.kind = fresnel, kind
-        self.basis = lambda: basis
-        make: dict[str, Any] = {"exact": Exact, "schlick": Schlick, "f82": F82}
-        self.term = make[fresnel]() if fresnel in make else Decomposition(basis)
-        self.tables: list[Any] = []
-        self._project()
-
     def _project(self) -> None:
         """Compute what the Fresnel term stores from the current parameters."""
 
@@ -217,19 +149,13 @@ class DecomposedConductor:
             check_range(name, texture, zero=(self.fresnel, self.kind) == ("exact", "material"))
         needed_as_given = {"exact": ("material", "indices"), "decomposition": ("coefficients",)}
         if self.kind in needed_as_given.get(self.fresnel, ()):
-            self.lookup = direct(tuple(self.parameters.values()))
-        elif recording():  # going on would end the process
-            raise input_error(
-                f"new {' and '.join(self.parameters)} for fresnel='{self.fresnel}' in a recorded "
-                "function (dr.freeze) or a symbolic loop",
-                "updates outside of it; in it, eta and k of the exact term, or coefficients",
-                "Call params.update() before it.",
-            )
-        else:
-            self.lookup = tabulate(self.parameters, project)
-        self.tables = self.tables or [type(table)(table) for table in self.lookup.tables]
-        for kept, table in zip(self.tables, self.lookup.tables, strict=True):
-            mi.set_property(kept, table)  # in place: `SceneParameters` hold on to them
+            self._keep(direct(tuple(self.parameters.values())))
+            return
+        refuse_recording(
+            f"new {' and '.join(self.parameters)} for fresnel='{self.fresnel}'",
+            "updates outside of it; in it, eta and k of the exact term, or coefficients",
+        )
+        self._keep(tabulate(self.parameters, project))
 
     def _check_shaping(self) -> None:
         if self.alpha_u is self.alpha_v:
@@ -253,8 +179,7 @@ class DecomposedConductor:
             cb.put("alpha_v", self.alpha_v, shaping)
         for name, texture in self.parameters.items():
             cb.put(name, texture, smooth)
-        for i, table in enumerate(self.tables):  # as inputs of `mi.render`, see `Lookup`
-            cb.put(f"table_{i}", table, mi.ParamFlags.ReadOnly)
+        self._show_tables(cb)
 
     def parameters_changed(self, keys: Any = ()) -> None:
         if not keys or any(key in self.parameters for key in keys):
@@ -262,9 +187,9 @@ class DecomposedConductor:
         if not keys or any(key not in self.parameters for key in keys):
             self._check_shaping()
 
-    def _microfacets(self, si: Any, active: Any) -> Any:
-        alpha_u, alpha_v = self.alpha_u.eval_1(si, active), self.alpha_v.eval_1(si, active)
-        return mi.MicrofacetDistribution(self.distribution, alpha_u, alpha_v, self.sample_visible)
+    def microfacets(self, si: Any, active: Any) -> Any:
+        """The distribution of normals at a shading point."""
+        return self._lobe(self.alpha_u.eval_1(si, active), self.alpha_v.eval_1(si, active))
 
     def _reflect(
         self, ctx: Any, si: Any, wi: Any, wo: Any, m: Any, weight: Any, active: Any
@@ -293,7 +218,7 @@ class DecomposedConductor:
             return self.compensation.sample(self, ctx, si, sample1, sample2, active)
         wi = raised(si.wi)
         cos_i = mi.Frame3f.cos_theta(wi)
-        distr = self._microfacets(si, active)
+        distr = self.microfacets(si, active)
         m, pdf = distr.sample(wi, sample2)
         wo = mi.reflect(wi, m)
         bs.eta = 1.0
@@ -330,7 +255,7 @@ class DecomposedConductor:
         wi, wo, m, active = self._both_sides(ctx, si, wo, active)
         if active is False:
             return dr.zeros(mi.Spectrum)
-        distr, both = self._microfacets(si, active), active
+        distr, both = self.microfacets(si, active), active
         d = distr.eval(m)
         active = active & (d != 0.0)  # not in place: it is `both` too
         weight = d * self._shadowing(distr, wi, wo, m) / (4.0 * mi.Frame3f.cos_theta(wi))
@@ -343,7 +268,7 @@ class DecomposedConductor:
         active = active & (dr.dot(wi, m) > 0.0) & (dr.dot(wo, m) > 0.0)
         if active is False:
             return self.compensation.mixed(self, si, wi, wo, mi.Float(0.0), both)
-        distr = self._microfacets(si, active)
+        distr = self.microfacets(si, active)
         if self.sample_visible:
             density = distr.eval(m) * distr.smith_g1(wi, m) / (4.0 * mi.Frame3f.cos_theta(wi))
         else:
@@ -364,7 +289,7 @@ class DecomposedConductor:
         if active is False:
             value = self.compensation.complete(self, si, wi, wo, dr.zeros(mi.Spectrum), both)
             return value, self.compensation.mixed(self, si, wi, wo, mi.Float(0.0), both)
-        distr = self._microfacets(si, active)
+        distr = self.microfacets(si, active)
         d, weight, density = weight_and_density(distr, wi, wo, m, self.sample_visible, self.smith)
         active &= d != 0.0
         value = self._reflect(ctx, si, wi, wo, m, weight, active)
@@ -373,98 +298,13 @@ class DecomposedConductor:
         return value, self.compensation.mixed(self, si, wi, wo, density, both)
 
     def to_string(self) -> str:
-        name = "ggx" if self.distribution == mi.MicrofacetType.GGX else "beckmann"
-        items: dict[str, Any] = {"fresnel": self.fresnel}
-        if isinstance(self.term, Decomposition):
-            items |= {"recipe": self.term.basis.recipe, "terms": self.term.basis.terms}
-        items |= {"distribution": name, "sample_visible": self.sample_visible}
-        items |= {"smith": self.smith, "energy_compensation": self.compensation.name}
+        items: dict[str, Any] = {"smith": self.smith, "energy_compensation": self.compensation.name}
         items |= {"alpha_u": self.alpha_u, "alpha_v": self.alpha_v}
         if self.specular_reflectance is not None:
             items["specular_reflectance"] = self.specular_reflectance
-        items |= self.parameters
-        lines = [f"  {key} = {value}".replace("\n", "\n  ") for key, value in items.items()]
-        return "DecomposedConductor[\n" + ",\n".join(lines) + "\n]"
+        return self._described(items | self.parameters)
 
 
 def plugin_class() -> type:
     """The plugin class for the active variant."""
     return derived(DecomposedConductor)
-
-
-def _preset(name: str) -> dict[str, Any]:
-    """The textures that the built-in plugin makes of `material`: taken from one of its kind."""
-    indices: dict[str, Any] = {"material": "none"}
-    if name.casefold() != "none":
-        indices["material"] = data_set = find_data_set(name, "'none'")
-        for flag in load_material(data_set, allow_partial=True, allow_broken=True).flags:
-            if flag.startswith("broken"):
-                _log.warning("Mitsuba's material '%s' is %s", data_set, flag)
-        eta, k = (str(path) for path in data_set_files(data_set))
-        if mi.is_spectral and not any(mi.spectrum_from_file(k)[1]):
-            # Mitsuba has no spectra that are 0 everywhere
-            indices = {"eta": {"type": "spectrum", "filename": eta}, "k": 0.0}
-    found = children(mi.load_dict({"type": "roughconductor", **indices}))
-    return {"eta": found["eta"], "k": found["k"]}
-
-
-def _integrated(
-    material: Spectrum, illuminant: str, fresnel: str, basis: Callable[[], Basis]
-) -> tuple[str, dict[str, Any]]:
-    """Kind and values of the parameters that stand for a whole spectrum."""
-    weights = rgb_weights(illuminant)  # refuses unknown lights in every variant
-    if mi.is_spectral:
-        eta, k = material.at(WAVELENGTH_NM)
-        return "material", {"eta": _spectrum(eta), "k": _spectrum(k)}
-    if fresnel == "exact":
-        raise input_error(
-            f"fresnel='exact' with an illuminant in {mi.variant()}",
-            "'decomposition', 'schlick' or 'f82', or a spectral variant",
-            "An integrated spectrum has no index of refraction.",
-        )
-    if mi.is_monochromatic:
-        weights = luminance_weights(illuminant)[None]
-
-    def reflectance(cos_theta: float) -> NDArray[np.float64]:
-        return weights @ conductor(cos_theta, *material.at(WAVELENGTH_NM))
-
-    f0 = reflectance(1.0)
-    if fresnel == "decomposition":
-        nodes = np.stack([reflectance(float(np.cos(t))) for t in basis().nodes], axis=-1)
-        values = basis().coefficients_from_reflectance(f0, nodes).T
-        return "coefficients", {f"c{i}": _colour(value) for i, value in enumerate(values)}
-    return "f82", {"f0": _colour(f0), "f82": _colour(reflectance(F82_COSINE))}
-
-
-def _colour(channels: NDArray[np.float64]) -> Any:
-    """A property: a number where there is one channel; of any sign."""
-    return float(channels[0]) if channels.size == 1 else mi.ScalarColor3f(channels.tolist())
-
-
-def _spectrum(values: NDArray[np.float64]) -> Any:
-    """A spectrum on the grid of `colour`, as Mitsuba's object."""
-    if not values.any():  # Mitsuba has no spectra that are 0 everywhere
-        return 0.0
-    return mi.load_dict(
-        {
-            "type": "regular",
-            "wavelength_min": float(WAVELENGTH_NM[0]),
-            "wavelength_max": float(WAVELENGTH_NM[-1]),
-            "values": ", ".join(f"{value:.9g}" for value in values),
-        }
-    )
-
-
-def _uniform(value: float) -> Any:
-    return mi.load_dict({"type": "uniform", "value": value})
-
-
-def _texture(props: Any, name: str) -> Any:
-    if mi.is_spectral and props.type(name) == mi.Properties.Type.Color and min(props[name]) < 0.0:
-        raise input_error(
-            f"{name}={list(props[name])} in {mi.variant()}",
-            "colours >= 0, numbers of any sign",
-            "A colour is upsampled to a spectrum there, which loses its sign; "
-            "use an RGB variant, or give eta and k.",
-        )
-    return props.get_unbounded_texture(name)

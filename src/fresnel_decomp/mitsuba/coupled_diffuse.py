@@ -25,7 +25,7 @@ from ..microfacet import Distribution
 from ..table import AlbedoTable
 from .albedo_texture import AlbedoTexture
 
-__all__ = ["LobeAlbedo", "cosine_average", "coupling"]
+__all__ = ["LobeAlbedo", "cosine_average", "coupling", "total"]
 
 _LEAST_AVERAGE = 1e-4
 """Of 1 - E_avg: lobes that reflect everything have no base to be seen."""

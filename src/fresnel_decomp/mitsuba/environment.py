@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._array import drjit_module, is_drjit
+from .._array import drjit_constant, drjit_module, is_drjit, ops_for
 from .._check import input_error, is_whole
 from .._vectors import as_vector
 from .variants import active_variant
@@ -25,6 +25,7 @@ __all__ = [
     "LARGEST_WIDTH",
     "Environment",
     "fetch",
+    "map_angles",
     "row_weights",
     "texel_directions",
     "unit_vectors",
@@ -196,13 +197,7 @@ class Environment:
         shape = (self.height, self.width)
         direction = as_vector(direction)
         if isinstance(direction, tuple):
-            dr = drjit_module()
-            assert dr is not None
-            kind = type(direction[0])
-            texels = self.radiance.ravel()
-            return fetch(
-                kind(texels if dr.is_jit_v(kind) else texels.tolist()), 0, *shape, *direction
-            )
+            return fetch(drjit_constant(type(direction[0]), self.radiance), 0, *shape, *direction)
         values = fetch(self.radiance.ravel(), 0, *shape, *np.moveaxis(direction, -1, 0))
         return np.stack(values, axis=-1)
 
@@ -290,26 +285,30 @@ def _hats(
     return np.maximum(1.0 - distance / (coarse[1] - coarse[0]), 0.0)
 
 
+def map_angles(x: Any, y: Any, z: Any) -> tuple[Any, Any]:
+    """Where a direction is in a map: turns from its left edge, in [-1/2, 1/2], half turns down."""
+    ops = ops_for(x, y, z)
+    # not acos(y), which has neither digits nor a derivative near the poles
+    polar = ops.arctan2(ops.sqrt(x * x + z * z), y) * (1.0 / np.pi)
+    return ops.arctan2(x, -z) * (0.5 / np.pi), polar
+
+
 def fetch(data: Any, offset: Any, height: Any, width: Any, x: Any, y: Any, z: Any) -> Any:
     """Bilinear lookup in a map of height times width texels that starts at texel `offset` of data.
 
     NumPy or Dr.Jit: data is flat with the three channels of a texel together; offset, height and
     width are integers or arrays of them. Returns a tuple of three arrays, NaN where x, y or z is.
     """
-    dr = drjit_module()
+    dr, select = drjit_module(), ops_for(x, y, z).select
     if is_drjit(x, y, z):
         assert dr is not None
         number: Any = type(x)
         index: Any = dr.int32_array_t(number)
-        atan2, floor, clip, sqrt = dr.atan2, dr.floor, dr.clip, dr.sqrt
-        select = dr.select
+        floor, clip = dr.floor, dr.clip
     else:
         index, number = (lambda v: np.asarray(v).astype(np.int64)), np.asarray
-        atan2, floor, clip, sqrt = np.arctan2, np.floor, np.clip, np.sqrt
-        select = np.where
-    turn = atan2(x, -z) * (0.5 / np.pi)
-    # not acos(y), which has neither digits nor a derivative near the poles
-    polar = atan2(sqrt(x * x + z * z), y) * (1.0 / np.pi)
+        floor, clip = np.floor, np.clip
+    turn, polar = map_angles(x, y, z)
     column = (turn - floor(turn)) * number(width) - 0.5
     row = polar * number(height - 1)
     # what is no direction has no texel, and reads some that exists

@@ -11,59 +11,33 @@ follow from the numbers: what can be integrated ahead of time.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 import numpy as np
 
-from .._check import input_error
 from .._schlick import bend_factor, bent_schlick, schlick
 from ..fresnel import conductor, dielectric
 from ..parametrization import F82_COSINE, gulbrandsen_to_ior
+from .variants import unpolarized
 
 if TYPE_CHECKING:
     from ..basis import Basis
 
-__all__ = ["F82", "Decomposition", "Exact", "Lossless", "Material", "Schlick", "parameter_set"]
+__all__ = [
+    "F82",
+    "FRESNEL_TERMS",
+    "Decomposition",
+    "Exact",
+    "Lossless",
+    "Material",
+    "Schlick",
+    "fresnel_term",
+]
 
-
-def parameter_set(given: Sequence[str], terms: int) -> tuple[str, tuple[str, ...]]:
-    """The one complete set of material parameters among property names.
-
-    Parameters
-    ----------
-    given : sequence of str
-        Names of the plugin's properties.
-    terms : int
-        Terms of the basis, which decide how many node colours or coefficients there are.
-
-    Returns
-    -------
-    (kind, names), where kind is "material", "indices", "gulbrandsen", "nodes" or "coefficients".
-
-    Raises
-    ------
-    InputError
-        If there is none, more than one, or an incomplete one.
-    """
-    sets = {
-        "material": ("material",),
-        "indices": ("eta", "k"),
-        "gulbrandsen": ("r", "g"),
-        "nodes": tuple(f"f{i}" for i in range(terms - 1)),
-        "coefficients": tuple(f"c{i}" for i in range(terms)),
-    }
-    found = [kind for kind, names in sets.items() if any(name in given for name in names)]
-    if len(found) == 1 and all(name in given for name in sets[found[0]]):
-        return found[0], sets[found[0]]
-    present = [name for names in sets.values() for name in names if name in given]
-    raise input_error(
-        f"the conductor is given by {', '.join(present) or 'nothing'}",
-        "exactly one of " + " | ".join(" + ".join(names) for names in sets.values()),
-        "f0, f1, ... are reflectances at normal incidence and the nodes of the basis, "
-        "c0, c1, ... its coefficients.",
-    )
+FRESNEL_TERMS = ("decomposition", "exact", "schlick", "f82")
+"""Their names, as plugins take them."""
 
 
 class Material:
@@ -72,15 +46,14 @@ class Material:
     Parameters
     ----------
     kind : str
-        As `parameter_set` returns it; "material" stands for eta and k. Besides, "f82": reflectances
-        at normal incidence and at cos = 1/7.
+        As `conductor_material.parameter_set` returns it; "material" stands for eta and k. Besides,
+        "f82": reflectances at normal incidence and at cos = 1/7.
     values : sequence of flat Dr.Jit arrays
         One per parameter.
-    basis : callable returning Basis
-        Called only where the basis is needed.
+    basis : Basis
     """
 
-    def __init__(self, kind: str, values: Sequence[Any], basis: Callable[[], Basis]) -> None:
+    def __init__(self, kind: str, values: Sequence[Any], basis: Basis) -> None:
         self.kind, self.values, self.basis = kind, values, basis
 
     def indices(self) -> Sequence[Any]:
@@ -90,14 +63,14 @@ class Material:
         if self.kind == "coefficients":
             return self.values
         if self.kind == "nodes":
-            return self.basis().coefficients_from_reflectance(self.values[0], self.values[1:])
-        return self.basis().coefficients(*self.indices())
+            return self.basis.coefficients_from_reflectance(self.values[0], self.values[1:])
+        return self.basis.coefficients(*self.indices())
 
     def reflectance(self, cos_theta: float) -> Any:
         if self.kind == "f82":
             return bent_schlick(self.values[0], bend_factor(*self.values), cos_theta)
         if self.kind in ("coefficients", "nodes"):
-            return self.basis().evaluate(self.coefficients(), cos_theta)
+            return self.basis.evaluate(self.coefficients(), cos_theta)
         return conductor(cos_theta, *self.indices())
 
 
@@ -111,7 +84,7 @@ class Exact:
     def __call__(self, cos_theta: Any, eta: Any, k: Any) -> Any:
         channels = zip(eta, k, strict=True)
         values = [mi.fresnel_conductor(cos_theta, mi.Complex2f(*index)) for index in channels]
-        return mi.UnpolarizedSpectrum(values if len(values) > 1 else values[0])
+        return unpolarized(values)
 
 
 class Lossless(Exact):
@@ -119,7 +92,7 @@ class Lossless(Exact):
 
     def __call__(self, cos_theta: Any, eta: Any, k: Any) -> Any:
         values = [dielectric(cos_theta, channel, precision="native") for channel in eta]
-        return mi.UnpolarizedSpectrum(values if len(values) > 1 else values[0])
+        return unpolarized(values)
 
 
 class Schlick:
@@ -181,3 +154,10 @@ class Decomposition:
     @staticmethod
     def weights(*coefficients: Any) -> tuple[Any, ...]:
         return coefficients
+
+
+def fresnel_term(name: str, basis: Basis) -> Any:
+    """The term that is called `name` in `FRESNEL_TERMS`."""
+    if name == "decomposition":
+        return Decomposition(basis)
+    return {"exact": Exact, "schlick": Schlick, "f82": F82}[name]()

@@ -16,8 +16,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..colour import WAVELENGTH_NM
+from ..microfacet import Distribution
 from ..plan import LeftExact
 from ..prediction import EVEN_SKY, Surface
+from .environment import row_weights
+from .ranges import UNKNOWN_ALPHA, value_range
+from .scene_source import Source, load_source
 from .tabulation import children, stored_values
 
 __all__ = ["Inventory", "take_inventory"]
@@ -32,7 +37,6 @@ _NO_COUNTERPART = {
     "Principled": "principled",
     "PrincipledThin": "principledthin",
 }
-_UNKNOWN_ALPHA = (1e-3, 1.0)  # of textures whose values are known only at surface points
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,16 +61,22 @@ class Inventory:
     objects: tuple[Any, ...] = field(repr=False)
 
 
-def take_inventory(scene: Any, contrast: float | None = None) -> Inventory:
-    """What is in use in a loaded scene.
+def take_inventory(source: Source, contrast: float | None = None) -> Inventory:
+    """What is in use in a scene.
 
     Parameters
     ----------
-    scene : mi.Scene
+    source : path, dict or mi.Scene
     contrast : float >= 0, optional
         Of the light at its surfaces, see `prediction.Surface`. By default what the emitters have:
         that of an even sky, of the pixels of an environment map, or infinite.
+
+    Raises
+    ------
+    InputError
+        If no variant is set, or the scene cannot be loaded.
     """
+    scene, _ = load_source(source)
     lights = list(scene.emitters())
     if contrast is None:
         contrast = max((_contrast(light) for light in lights), default=EVEN_SKY)
@@ -117,7 +127,7 @@ def _conductor(name: str, bsdf: Any, kind: str, contrast: float) -> Surface | Le
     if not (np.all(eta > 0.0) and np.all(k >= 0.0)):
         why = "its index is not positive: a mirror, or a gap in the data"
         return LeftExact(name, plugin, why, "nothing: it has no curve to represent")
-    wavelengths = np.linspace(360.0, 830.0, len(eta)) if mi.is_spectral and len(eta) > 1 else None
+    wavelengths = WAVELENGTH_NM if mi.is_spectral and len(eta) > 1 else None
     if plugin == "conductor":
         smooth = Surface(name, eta, k, None, contrast, wavelength_nm=wavelengths)
         why = "it is perfectly smooth, and decomposed_conductor is not"
@@ -125,16 +135,9 @@ def _conductor(name: str, bsdf: Any, kind: str, contrast: float) -> Surface | Le
     alpha = _roughness([parts[key] for key in ("alpha", "alpha_u", "alpha_v") if key in parts])
     if alpha[0] <= 0.0:
         return LeftExact(name, plugin, "its roughness is 0 somewhere", "nothing: use alpha > 0")
-    ggx = re.search(r"distribution = ggx", str(bsdf), re.I)
-    return Surface(
-        name,
-        eta,
-        k,
-        alpha,
-        contrast,
-        "ggx" if ggx else "beckmann",
-        wavelengths,
-    )
+    ggx = re.search(r"distribution = ggx", str(bsdf), re.I)  # shown nowhere else
+    lobe: Distribution = "ggx" if ggx else "beckmann"
+    return Surface(name, eta, k, alpha, contrast, lobe, wavelengths)
 
 
 def _without_counterpart(name: str, bsdf: Any, kind: str, contrast: float) -> LeftExact:
@@ -165,13 +168,26 @@ def _contrast(light: Any) -> float:
         return EVEN_SKY  # not 0: objects hide a part of it
     if kind != "EnvironmentMapEmitter":
         return np.inf  # may be as small as a point, or has a sun
-    texels = np.array(mi.traverse(light)["data"], np.float64)[..., :3].mean(axis=-1)
-    area = np.sin(np.pi * (np.arange(len(texels)) + 0.5) / len(texels))[:, None]
-    area = np.broadcast_to(area / area.sum() / texels.shape[1], texels.shape)
-    mean = float((area * texels).sum())
+    # one column on either side is that of the other
+    texels = np.array(mi.traverse(light)["data"], np.float64)[:, 1:-1]
+    grey = _power(texels) if mi.is_spectral else texels[..., :3].mean(axis=-1)
+    area = np.broadcast_to(row_weights(len(grey))[:, None], grey.shape)
+    mean = np.average(grey, weights=area)
     if mean <= 0.0:
         return EVEN_SKY
-    return EVEN_SKY + float((area * (texels / mean - 1.0) ** 2).sum())
+    return EVEN_SKY + float(np.average((grey / mean - 1.0) ** 2, weights=area))
+
+
+def _power(texels: np.ndarray) -> np.ndarray:
+    """Mean over the visible wavelengths of what spectral variants keep of an environment map.
+
+    That is a scale, and the coefficients of a spectrum in [0, 1] (Jakob and Hanika 2019), which
+    are infinite for black and white.
+    """
+    a, b, c, scale = np.moveaxis(texels, -1, 0)
+    wavelengths = np.linspace(400.0, 700.0, 31)
+    values = (0.5 + 0.5 * np.sin(np.arctan((a * w + b) * w + c)) for w in wavelengths)
+    return np.asarray(scale * sum(values) / len(wavelengths))
 
 
 def _spectrum(texture: Any) -> np.ndarray:
@@ -179,8 +195,7 @@ def _spectrum(texture: Any) -> np.ndarray:
 
 
 def _roughness(textures: Sequence[Any]) -> tuple[float, float]:
-    values = [np.array(v, np.float64).ravel() for t in textures for v in stored_values(t)]
-    if len(values) < len(textures):
-        return _UNKNOWN_ALPHA
-    joined = np.concatenate(values)
-    return float(joined.min()), float(joined.max())
+    ranges = [value_range(texture) for texture in textures]
+    if any(found is None for found in ranges):
+        return UNKNOWN_ALPHA
+    return min(found[0] for found in ranges if found), max(found[1] for found in ranges if found)

@@ -15,7 +15,7 @@ import numpy as np
 
 from .._check import input_error, is_whole
 from ..table_layout import Layout
-from .environment import texel_directions
+from .environment import map_angles, texel_directions
 from .prefilter import PrefilteredLight
 from .variants import active_variant
 
@@ -96,9 +96,7 @@ class LightTexture:
         tuple of three mi.Float: red, green and blue
         """
         x, y, z = (mi.Float(part) for part in direction)
-        turn = dr.atan2(x, -z) * (0.5 / np.pi)
-        # not acos(y), which has no digits near the poles
-        polar = dr.atan2(dr.sqrt(x * x + z * z), y) * (1.0 / np.pi)
+        turn, polar = map_angles(x, y, z)
         u = (turn - dr.floor(turn)) * self._width + 1.0
         v = polar * (self._height - 1.0) + 0.5
         _, w = Layout(2, self._levels).texture_coordinates(0.0, mi.Float(alpha))

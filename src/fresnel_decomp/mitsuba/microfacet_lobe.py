@@ -11,19 +11,12 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-__all__ = ["correlated", "derived", "mueller", "raised", "weight_and_density"]
+from .variants import unpolarized
 
-_OWN_SLOTS = ("__dict__", "__weakref__")
+__all__ = ["correlated", "mueller", "raised", "weight_and_density"]
 
 _LEAST_COSINE = 1e-12
 """The squared tangent of a lower direction, and its derivatives, would leave float32."""
-
-
-def derived(methods: type) -> type:
-    """A BSDF class of the active variant with the methods of another class."""
-    # a class of Mitsuba's takes no second base, so it gets the methods themselves
-    body = {k: v for k, v in vars(methods).items() if k not in _OWN_SLOTS}
-    return type(methods.__name__, (mi.BSDF,), body)
 
 
 def weight_and_density(
@@ -88,7 +81,5 @@ def mueller(ctx: Any, wi: Any, wo: Any, m: Any, weight: Any, eta: Any, k: Any) -
     result = dr.zeros(mi.Spectrum)
     for i in range(4):
         for j in range(4):
-            values = [channel[i, j] for channel in channels]
-            entry = mi.UnpolarizedSpectrum(values if len(values) > 1 else values[0])
-            result[i, j] = entry * weight
+            result[i, j] = unpolarized([channel[i, j] for channel in channels]) * weight
     return result

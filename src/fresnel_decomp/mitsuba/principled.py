@@ -13,28 +13,23 @@ from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
-from .._check import choose, input_error
-from ..basis import Basis, load_basis
-from ..converters import LARGEST_R
-from ..fresnel import conductor
-from ..metallic import default_edge_color, dielectric_eta, metal_coefficients, metal_reflectance
-from ..parametrization import F82_COSINE, gulbrandsen_to_ior
+from .._check import input_error
+from ..basis import load_basis
+from ..metallic import dielectric_eta
 from ..representations import DIELECTRIC_F0
 from .coupled_diffuse import LobeAlbedo, coupling, total
-from .fresnel_terms import F82, Decomposition, Exact, Lossless, Material, Schlick
-from .microfacet_lobe import derived, mueller, raised, weight_and_density
-from .ranges import check_range, recording
+from .fresnel_terms import Decomposition, Lossless, Material
+from .microfacet_lobe import mueller, raised, weight_and_density
+from .plugin import FresnelPlugin, derived
+from .principled_metal import Metal, edge_parameters
+from .ranges import check_range, refuse_recording
 from .tabulation import tabulate
 
-__all__ = ["DEFAULT_EDGE_TINT", "LEAST_ALPHA", "LEAST_ROOT", "DecomposedPrincipled", "plugin_class"]
+__all__ = ["LEAST_ALPHA", "LEAST_ROOT", "DecomposedPrincipled", "plugin_class"]
 
 LEAST_ALPHA = 1e-3
 """What stands for a smoother surface, of roughness below 0.0316, as float32 asks for."""
-
-DEFAULT_EDGE_TINT = 0.5
-"""For the exact term without edge: of all constants the one that is nearest to measured metals."""
 
 _LEAST_ALBEDO = 1e-4
 """Of the lobe, when directions are chosen: it keeps a share of them."""
@@ -42,14 +37,11 @@ _LEAST_ALBEDO = 1e-4
 LEAST_ROOT = 1e-3
 """Square root of F0 below which the fit of the exact term's albedo fades out."""
 
-_LEAST_TINT = 1e-6
-"""Below it k, the square root of something like g, has a slope that float32 cannot hold."""
-
 _LEAST_SHARE = 0.02
 """Of the diffuse base: what the lobe's albedo counts for at least, when directions are chosen."""
 
 
-class DecomposedPrincipled:
+class DecomposedPrincipled(FresnelPlugin):
     """Base colour, metallic and roughness, with a choice of Fresnel term.
 
     Mitsuba sees a class with these methods that derives from `mi.BSDF` of one variant; it is made
@@ -117,31 +109,16 @@ class DecomposedPrincipled:
 
     def __init__(self, props: Any) -> None:
         mi.BSDF.__init__(self, props)
-        fresnel = str(props.get("fresnel", "decomposition"))
-        choose("fresnel", fresnel, ("decomposition", "exact", "schlick", "f82"))
-        distribution = str(props.get("distribution", "ggx")).lower()
-        choose("distribution", distribution, ("ggx", "beckmann"))
-        types = mi.MicrofacetType
-        self.distribution = types.GGX if distribution == "ggx" else types.Beckmann
-        self.sample_visible = bool(props.get("sample_visible", True))
-        recipe, terms = str(props.get("recipe", "talk")), int(props.get("terms", 0)) or None
-        if recipe.endswith(".json"):  # relative to the scene file
-            recipe = str(mi.file_resolver().resolve(recipe))
-        basis = load_basis(recipe, terms)
-        self.fresnel = fresnel
-        self.basis = lambda: basis
-        make: dict[str, Any] = {"exact": Exact, "schlick": Schlick, "f82": F82}
-        self.term = make[fresnel]() if fresnel in make else Decomposition(basis)
-        self._set_textures(props, basis)
-        self._set_albedo(basis, recipe, distribution)
+        self._set_fresnel(props, distribution="ggx")
+        self._set_textures(props)
+        self._set_albedo()
         self._set_flags()
-        self.tables: list[Any] = []
         self._check(self.textures)
         self._project()
 
     # --- parameters ------------------------------------------------------------------------------
 
-    def _set_textures(self, props: Any, basis: Basis) -> None:
+    def _set_textures(self, props: Any) -> None:
         self.textures = {
             "base_color": props.get_texture("base_color", 0.5),
             "metallic": props.get_texture("metallic", 0.0),
@@ -158,20 +135,20 @@ class DecomposedPrincipled:
             if unbounded
             else props.get_texture("dielectric_f0", DIELECTRIC_F0)
         )
-        self.edge, names = _edge(list(props.keys()), basis.terms, self.fresnel)
-        self.edges = names
-        self.textures |= {name: props.get_texture(name) for name in names}
+        given = list(props.keys())
+        self.edge, self.edges = edge_parameters(given, self.basis.terms, self.fresnel)
+        self.textures |= {name: props.get_texture(name) for name in self.edges}
 
-    def _set_albedo(self, basis: Basis, recipe: str, distribution: Any) -> None:
+    def _set_albedo(self) -> None:
         """The table of the Fresnel term's functions, for the base and the choice of directions."""
         self.coating = self.term
         if self.fresnel == "exact":  # as near to it as shipped bases come
-            shipped = not recipe.endswith(".json")
-            self.coating = Decomposition(load_basis(recipe, 6) if shipped else basis)
+            shipped = not self.recipe.endswith(".json")
+            self.coating = Decomposition(load_basis(self.recipe, 6) if shipped else self.basis)
         key = self.fresnel
         if isinstance(self.coating, Decomposition):
             key = f"{self.coating.basis.provenance.get('sha256')} {self.coating.basis.terms}"
-        self.albedo = LobeAlbedo(self.coating.functions, key, distribution)
+        self.albedo = LobeAlbedo(self.coating.functions, key, self.distribution)
         self.albedo_textures = self.albedo.textures
 
     def _set_flags(self) -> None:
@@ -200,24 +177,15 @@ class DecomposedPrincipled:
                 stored += [there * c for c in self.coating.basis.coefficients(*material.values)]
             return stored
 
-        if recording():  # going on would end the process
-            raise input_error(
-                f"a new {self.dielectric} in a recorded function (dr.freeze) or a symbolic loop",
-                "updates outside of it",
-                "Call params.update() before it.",
-            )
-        self.lookup = tabulate({self.dielectric: self.textures[self.dielectric]}, project)
-        self.tables = self.tables or [type(table)(table) for table in self.lookup.tables]
-        for kept, table in zip(self.tables, self.lookup.tables, strict=True):
-            mi.set_property(kept, table)  # in place: `SceneParameters` hold on to them
+        refuse_recording(f"a new {self.dielectric}", "updates outside of it")
+        self._keep(tabulate({self.dielectric: self.textures[self.dielectric]}, project))
 
     def traverse(self, cb: Any) -> None:
         smooth = mi.ParamFlags.Differentiable
         for name, texture in self.textures.items():
             shaping = mi.ParamFlags.Discontinuous if name == "roughness" else smooth
             cb.put(name, texture, smooth | shaping)
-        for i, table in enumerate(self.tables):  # as inputs of `mi.render`, see `Lookup`
-            cb.put(f"table_{i}", table, mi.ParamFlags.ReadOnly)
+        self._show_tables(cb)
 
     def parameters_changed(self, keys: Any = ()) -> None:
         changed = [name for name in self.textures if not keys or name in keys]
@@ -235,7 +203,7 @@ class DecomposedPrincipled:
         alpha = dr.maximum(roughness * roughness, LEAST_ALPHA)
         stored: Sequence[Any] = self.lookup.evaluate(si, active)
         edges = [self.textures[name].eval(si, active) for name in self.edges]
-        metal = self.term.project(_Metal(self.edge, base, edges, self.basis))
+        metal = self.term.project(Metal(self.edge, base, edges, self.basis))
         albedos = self.albedo.directional(mi.Frame3f.cos_theta(wi), alpha, active)
         if self.fresnel == "exact":
             parts = [(1.0 - metallic, Lossless(), stored[:2]), (metallic, self.term, metal)]
@@ -263,9 +231,6 @@ class DecomposedPrincipled:
         elif not specular:
             chance = mi.Float(0.0)
         return _Point(base, metallic, alpha, parts, coating, reflected_first, chance)
-
-    def _microfacets(self, alpha: Any) -> Any:
-        return mi.MicrofacetDistribution(self.distribution, alpha, alpha, self.sample_visible)
 
     def _reflect(self, ctx: Any, wi: Any, wo: Any, m: Any, weight: Any, at: _Point) -> Any:
         """Fresnel term at microfacet normal `m`, times the unpolarised `weight`."""
@@ -297,7 +262,7 @@ class DecomposedPrincipled:
         value, density = dr.zeros(mi.Spectrum), mi.Float(0.0)
         if specular:
             m = dr.normalize(wo + wi)
-            distr = self._microfacets(at.alpha)
+            distr = self._lobe(at.alpha, at.alpha)
             d, weight, chosen = weight_and_density(distr, wi, wo, m, self.sample_visible)
             lit = active & (d != 0.0)
             value += dr.select(
@@ -333,7 +298,7 @@ class DecomposedPrincipled:
         wi = raised(si.wi)
         at = self._at(ctx, si, wi, active)
         by_lobe = sample1 < at.chance
-        m, _ = self._microfacets(at.alpha).sample(wi, sample2)
+        m, _ = self._lobe(at.alpha, at.alpha).sample(wi, sample2)
         wo = dr.select(by_lobe, mi.reflect(wi, m), mi.warp.square_to_cosine_hemisphere(sample2))
         # also not where m is NaN, as it can be for random numbers that are exactly 0
         active &= mi.Frame3f.cos_theta(wo) > 0.0
@@ -353,13 +318,7 @@ class DecomposedPrincipled:
         return bs, dr.select(active, weight, dr.zeros(mi.Spectrum))
 
     def to_string(self) -> str:
-        name = "ggx" if self.distribution == mi.MicrofacetType.GGX else "beckmann"
-        items: dict[str, Any] = {"fresnel": self.fresnel}
-        if isinstance(self.term, Decomposition):
-            items |= {"recipe": self.term.basis.recipe, "terms": self.term.basis.terms}
-        items |= {"distribution": name, "sample_visible": self.sample_visible, **self.textures}
-        lines = [f"  {key} = {value}".replace("\n", "\n  ") for key, value in items.items()]
-        return "DecomposedPrincipled[\n" + ",\n".join(lines) + "\n]"
+        return self._described(self.textures)
 
 
 class _Point(NamedTuple):
@@ -378,74 +337,9 @@ class _Point(NamedTuple):
     """Of choosing the lobe."""
 
 
-class _Metal(Material):
-    """The metal at a shading point."""
-
-    def __init__(self, kind: str, base: Any, edges: list[Any], basis: Any) -> None:
-        super().__init__(kind, (base, *edges), basis)
-        self.base, self.edges = base, edges
-
-    def indices(self) -> Sequence[Any]:
-        tint = self.edges[0] if self.kind == "tint" else mi.UnpolarizedSpectrum(DEFAULT_EDGE_TINT)
-        pairs = [
-            gulbrandsen_to_ior(_inside(r, 1e-8, LARGEST_R), _inside(g, _LEAST_TINT, 1.0))
-            for r, g in zip(self.base, tint, strict=True)
-        ]
-        return tuple(_spectrum(values) for values in zip(*pairs, strict=True))
-
-    def reflectance(self, cos_theta: float) -> Any:
-        if cos_theta == 1.0:
-            return self.base
-        if self.kind == "tint":
-            return _spectrum(
-                [
-                    conductor(cos_theta, *index, precision="native")
-                    for index in zip(*self.indices(), strict=True)
-                ]
-            )
-        if self.kind == "nodes":
-            return self.basis().evaluate(self.coefficients(), cos_theta)
-        edge = self.edges[0] if self.edges else default_edge_color(self.base)
-        return edge if cos_theta == F82_COSINE else metal_reflectance(self.base, edge, cos_theta)
-
-    def coefficients(self) -> Sequence[Any]:
-        basis = self.basis()
-        if self.kind in ("nodes", "tint"):
-            nodes = self.edges if self.kind == "nodes" else [
-                self.reflectance(float(np.cos(node))) for node in basis.nodes
-            ]  # fmt: skip
-            return basis.coefficients_from_reflectance(self.base, nodes)
-        edge = self.edges[0] if self.edges else default_edge_color(self.base)
-        return metal_coefficients(self.base, edge, basis)
-
-
 def plugin_class() -> type:
     """The plugin class for the active variant."""
     return derived(DecomposedPrincipled)
-
-
-def _edge(given: Sequence[str], terms: int, fresnel: str) -> tuple[str, tuple[str, ...]]:
-    """Kind and names of the edge parameters among property names."""
-    nodes = tuple(f"edge_color_{i + 1}" for i in range(terms - 2))
-    sets = {"color": ("edge_color",), "nodes": nodes, "tint": ("edge_tint",)}
-    found = [kind for kind, names in sets.items() if any(name in given for name in names)]
-    if not found:
-        return "usual", ()
-    present = [name for names in sets.values() for name in names if name in given]
-    if len(found) > 1 or len(present) != len(sets[found[0]]):
-        raise input_error(
-            f"the edge of the metal is given by {', '.join(present)}",
-            "nothing, or one of " + " | ".join(" + ".join(names) for names in sets.values()),
-            "edge_color is the reflectance at cos = 1/7, edge_color_1, ... are those at the nodes "
-            "of the basis.",
-        )
-    if fresnel == "exact" and found != ["tint"]:
-        raise input_error(
-            f"fresnel='exact' with {', '.join(present)}",
-            "edge_tint, or nothing",
-            "Reflectances do not determine an index of refraction.",
-        )
-    return found[0], sets[found[0]]
 
 
 def _enabled(ctx: Any) -> tuple[bool, bool]:
@@ -457,15 +351,5 @@ def _enabled(ctx: Any) -> tuple[bool, bool]:
     )
 
 
-def _inside(value: Any, low: float, high: float) -> Any:
-    """`dr.clip` that is differentiated as if it were not there: at its ends, from within."""
-    return dr.replace_grad(dr.clip(value, low, high), value)
-
-
 def _mean(spectrum: Any) -> Any:
     return dr.mean(mi.UnpolarizedSpectrum(spectrum))
-
-
-def _spectrum(channels: Sequence[Any]) -> Any:
-    values = list(channels)
-    return mi.UnpolarizedSpectrum(values if len(values) > 1 else values[0])

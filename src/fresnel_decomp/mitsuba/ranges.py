@@ -1,4 +1,4 @@
-"""What the parameters of the plugin may be, and the check of the textures that give them."""
+"""What the parameters of the plugins may be, and what the textures that give them can be."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ import numpy as np
 from .._check import InputError, input_error
 from .tabulation import stored_values
 
-__all__ = ["check_range", "recording"]
+__all__ = ["UNKNOWN_ALPHA", "check_range", "refuse_recording", "value_range"]
 
+UNKNOWN_ALPHA = (1e-3, 1.0)
+"""What roughness may be where `value_range` does not tell."""
 
 _Range = tuple[Callable[[Any], Any], str, str]  # what it contains, in words, advice
 
@@ -78,16 +80,43 @@ def check_range(name: str, texture: Any, zero: bool = False, like: str | None = 
     InputError
         With the name, the values and the range.
     """
-    if recording():
+    if _recording():
         return
     contains, accepted, advice = _RANGES.get(like or name, _ANY)
     for values in stored_values(texture):
+        if values is None:
+            continue
         valid = dr.isfinite(values) & contains(values)
         if not dr.all((valid | (values == 0.0)) if zero else valid):
             raise _out_of_range(name, np.array(values, np.float64), accepted, advice)
 
 
-def recording() -> bool:
+def value_range(texture: Any) -> tuple[float, float] | None:
+    """Least and largest value of a texture; None if some are known only at surface points."""
+    parts = stored_values(texture)
+    if any(part is None for part in parts):
+        return None
+    values = np.concatenate([np.array(part, np.float64).ravel() for part in parts])
+    return float(values.min()), float(values.max())
+
+
+def refuse_recording(what: str, accepted: str) -> None:
+    """Refuse `what` in code that is only recorded: what needs its values would end the process.
+
+    Raises
+    ------
+    InputError
+        In a symbolic loop, and in a function that Dr.Jit freezes.
+    """
+    if _recording():
+        raise input_error(
+            f"{what} in a recorded function (dr.freeze) or a symbolic loop",
+            accepted,
+            "Call params.update() before it.",
+        )
+
+
+def _recording() -> bool:
     """Whether Dr.Jit records code without running it: then there are no values to look at."""
     return any(dr.flag(flag) for flag in (dr.JitFlag.SymbolicScope, dr.JitFlag.FreezingScope))
 

@@ -21,13 +21,10 @@ from ..basis import Basis
 from ..plan import Choice, Plan, plan_surfaces
 from ..prediction import Metric
 from . import register
-from .inventory import Inventory, take_inventory
-from .variants import active_variant
+from .inventory import take_inventory
+from .scene_source import ParsedScene, Source, load_source
 
-__all__ = ["ScenePlan", "inventory", "plan_scene"]
-
-Source = str | os.PathLike[str] | dict[str, Any] | Any
-"""The path of an XML file, a dictionary as for `mi.load_dict`, or a loaded `mi.Scene`."""
+__all__ = ["ScenePlan", "plan_scene"]
 
 _COPIED = ("alpha", "alpha_u", "alpha_v", "distribution", "sample_visible", "specular_reflectance")
 
@@ -47,7 +44,7 @@ class ScenePlan:
     plan: Plan
     lights: tuple[str, ...]
     variant: str
-    _source: _Source | None = field(repr=False)
+    _source: ParsedScene | None = field(repr=False)
     _objects: tuple[Any, ...] = field(repr=False)
 
     def apply(self) -> Any:
@@ -97,7 +94,7 @@ class ScenePlan:
             self._own_basis.save(basis_path)
         write_text(target, text)
 
-    def _rewritable(self) -> _Source:
+    def _rewritable(self) -> ParsedScene:
         if self._source is None:
             raise input_error(
                 "a plan for a loaded scene",
@@ -129,23 +126,6 @@ class ScenePlan:
                 if node is surface_object:
                     old = state.nodes[index].props
                     state.nodes[index].props = _planned(old, choice, recipe)
-
-
-def inventory(source: Source, contrast: float | None = None) -> Inventory:
-    """The surfaces, other BSDFs and lights of a scene.
-
-    Parameters
-    ----------
-    source : path, dict or mi.Scene
-    contrast : float, optional
-        See `inventory.take_inventory`.
-
-    Raises
-    ------
-    InputError
-        If no variant is set, or the scene cannot be loaded.
-    """
-    return take_inventory(_load(source)[0], contrast)
 
 
 def plan_scene(
@@ -185,85 +165,10 @@ def plan_scene(
     >>> [choice.model for choice in planned.plan.choices]
     ['schlick']
     """
-    scene, parsed = _load(source)
+    scene, parsed = load_source(source)
     found = take_inventory(scene, contrast)
     plan = plan_surfaces(found.surfaces, max_error, metric, left=found.left, **options)
     return ScenePlan(plan, found.lights, str(mi.variant()), parsed, found.objects)
-
-
-# --- loading -------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class _Source:
-    """Where a scene comes from, and the object that each of its parsed nodes became."""
-
-    origin: str | dict[str, Any]
-    config: Any
-    nodes: tuple[Any, ...]
-
-    def parse(self) -> Any:
-        return _parse(self.origin, self.config)
-
-    def instantiate(self, state: Any) -> Any:
-        return _instantiate(self.origin, self.config, state)
-
-
-def _parse(origin: str | dict[str, Any], config: Any) -> Any:
-    parse = mi.parser.parse_dict if isinstance(origin, dict) else mi.parser.parse_file
-    state = parse(config, origin)
-    mi.parser.transform_upgrade(config, state)
-    mi.parser.transform_resolve_references(config, state)
-    return state
-
-
-def _load(source: Source) -> tuple[Any, _Source | None]:
-    active_variant()
-    register()
-    if isinstance(source, mi.Scene):
-        return source, None
-    if not isinstance(source, dict):
-        source = os.fspath(source)
-        if not Path(source).is_file():
-            raise input_error(f"no file '{source}'", "a Mitsuba scene in XML", "Check the path.")
-    config = mi.parser.ParserConfig(mi.variant())
-    config.merge_equivalent = config.merge_meshes = False
-    try:
-        state = _parse(source, config)
-        scene = _instantiate(source, config, state)
-    except RuntimeError as error:
-        raise input_error(
-            f"a scene that does not load in {mi.variant()} ({str(error).strip()})",
-            "a scene that Mitsuba renders",
-            "Load it with mitsuba.load_file or load_dict to see what is wrong.",
-        ) from error
-    if not isinstance(scene, mi.Scene):
-        raise input_error(f"a {type(scene).__name__}", "a scene", "Put it into a scene first.")
-    # instantiating replaces references by the objects that they stand for
-    again = _parse(source, config)
-    nodes: list[Any] = [None] * len(again.nodes)
-    for before, after in zip(again.nodes, state.nodes, strict=True):
-        for name in list(before.props.keys()):
-            if before.props.type(name) == mi.Properties.Type.ResolvedReference:
-                nodes[before.props[name].index()] = after.props[name]
-    return scene, _Source(source, config, tuple(nodes))
-
-
-def _instantiate(origin: str | dict[str, Any], config: Any, state: Any) -> Any:
-    """The scene; files that it names are looked for beside its own."""
-    before = mi.file_resolver()
-    resolver = mi.FileResolver(before)
-    if isinstance(origin, str):
-        resolver.prepend(str(Path(origin).resolve().parent))
-    mi.set_file_resolver(resolver)
-    try:
-        loaded = mi.parser.instantiate(config, state)
-    finally:
-        mi.set_file_resolver(before)
-    return loaded[0] if isinstance(loaded, list | tuple) else loaded
-
-
-# --- rewriting -----------------------------------------------------------------------------------
 
 
 def _planned(old: Any, choice: Choice, recipe: str) -> Any:

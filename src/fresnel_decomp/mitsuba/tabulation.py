@@ -17,10 +17,10 @@ import mitsuba as mi
 import numpy as np
 
 from .._check import InputError, input_error
+from ..colour import WAVELENGTH_NM  # Mitsuba's range, every nanometre
+from .variants import unpolarized
 
 __all__ = ["Lookup", "children", "direct", "stored_values", "tabulate"]
-
-_WAVELENGTHS = np.linspace(360.0, 830.0, 471)  # nm: Mitsuba's range, every nanometre
 
 
 class Lookup(NamedTuple):
@@ -97,9 +97,9 @@ def children(node: Any) -> dict[str, Any]:
 def stored_values(texture: Any) -> list[Any]:
     """Numbers between which all values of a texture lie, as flat arrays without gradients.
 
-    They are read rather than looked up where possible, which is cheap. Of textures whose values
-    are known only at a surface point (mesh attributes, images of colours in spectral variants)
-    there are none.
+    They are read rather than looked up where possible, which is cheap. There is one array for each
+    part of the texture: the fields of a checkerboard, else the whole; None for parts whose values
+    are known only at a surface point (mesh attributes, images of colours in spectral variants).
     """
     kind = texture.class_name()
     if kind == "Checkerboard":
@@ -108,16 +108,16 @@ def stored_values(texture: Any) -> list[Any]:
     if kind.startswith("BitmapTexture"):
         data = mi.traverse(texture)["data"]
         if mi.is_spectral and data.shape[2] != 1:
-            return []
+            return [None]
         texels = dr.detach(data.array)
         if dr.is_integral_v(texels):  # an 8-bit image that is kept as such
             texels = mi.TensorXf(texels).array / 255.0
         return [texels]
     if not kind.endswith("Spectrum"):
-        return []
+        return [None]
     if not mi.is_spectral or kind == "UniformSpectrum":
         return [dr.detach(_evaluate(texture))]
-    covered = np.clip(_WAVELENGTHS, *list(texture.wavelength_range()))
+    covered = np.clip(WAVELENGTH_NM, *list(texture.wavelength_range()))
     return [dr.detach(_evaluate(texture, wavelengths=covered))]
 
 
@@ -130,7 +130,7 @@ def _spectrum(channels: Any) -> Any:
     """An `UnpolarizedSpectrum` from a flat array of its channels."""
     jit = dr.is_jit_v(mi.Float)
     values = [dr.gather(mi.Float, channels, i) if jit else channels[i] for i in range(_channels())]
-    return mi.UnpolarizedSpectrum(values if len(values) > 1 else values[0])
+    return unpolarized(values)
 
 
 def _evaluate(texture: Any, uv: Any = ((0.5, 0.5),), wavelengths: Any = (550.0,)) -> Any:
@@ -167,14 +167,14 @@ def _tensor(values: Sequence[Any], shape: tuple[int, ...]) -> Any:
 
 def _spectral(textures: dict[str, Any], function: Any) -> Lookup:
     ranges = np.array([list(texture.wavelength_range()) for texture in textures.values()])
-    covered = np.clip(_WAVELENGTHS, ranges[:, 0].max(), ranges[:, 1].min())
+    covered = np.clip(WAVELENGTH_NM, ranges[:, 0].max(), ranges[:, 1].min())
     values = function(*(_evaluate(t, wavelengths=covered) for t in textures.values()))
     table = mi.Texture1f(_tensor(values, covered.shape), use_accel=False)
-    first, count = float(_WAVELENGTHS[0]), len(_WAVELENGTHS)
+    first, count = float(WAVELENGTH_NM[0]), len(WAVELENGTH_NM)
 
     def evaluate(si: Any, active: Any) -> list[Any]:
         rows = [table.eval((w - (first - 0.5)) / count, active) for w in si.wavelengths]
-        return [mi.UnpolarizedSpectrum(list(column)) for column in zip(*rows, strict=True)]
+        return [unpolarized(column) for column in zip(*rows, strict=True)]
 
     return Lookup(evaluate, [table.tensor()])
 
@@ -221,10 +221,7 @@ def _bitmap(bitmaps: dict[str, Any], textures: dict[str, Any], function: Any) ->
 
     def evaluate(si: Any, active: Any) -> list[Any]:
         values, n = list(stored(si.uv, active)), _channels()
-        return [
-            mi.UnpolarizedSpectrum(values[i : i + n] if n > 1 else values[i])
-            for i in range(0, len(values), n)
-        ]
+        return [unpolarized(values[i : i + n]) for i in range(0, len(values), n)]
 
     return Lookup(evaluate, [tensor])
 

@@ -1,13 +1,14 @@
-"""Mitsuba's variants: the active one, and another for a while."""
+"""Mitsuba's variants: the active one, another for a while, and what differs between them."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 from .._check import input_error
 
-__all__ = ["active_variant", "variant_scope"]
+__all__ = ["active_variant", "unpolarized", "variant_scope"]
 
 
 def active_variant(vectorised: bool = False) -> str:
@@ -55,13 +56,7 @@ def variant_scope(variant: str | None = None) -> Iterator[str]:
     from . import register
 
     before = mi.variant()
-    name = variant or before
-    if name is None:
-        raise input_error(
-            "no variant given and none is active",
-            ", ".join(mi.variants()),
-            "Pass variant=..., or call mitsuba.set_variant first.",
-        )
+    name = variant or active_variant()
     require_variant(name)  # a kernel without a usable LLVM would end the process
     try:
         if name != before:
@@ -71,3 +66,10 @@ def variant_scope(variant: str | None = None) -> Iterator[str]:
     finally:
         if before is not None and mi.variant() != before:
             mi.set_variant(before)
+
+
+def unpolarized(channels: Sequence[Any]) -> Any:
+    """The `mi.UnpolarizedSpectrum` of these channels, of which monochrome variants have one."""
+    import mitsuba as mi
+
+    return mi.UnpolarizedSpectrum(list(channels) if len(channels) > 1 else channels[0])

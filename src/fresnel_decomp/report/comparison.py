@@ -1,7 +1,7 @@
 """The main job: curves, renders and errors of Fresnel models for given materials, in one folder.
 
-`run` computes and writes everything; `document` says it in words. All outputs
-are written whole, and images that an interrupted run had finished are used by the next one.
+`run` computes and writes everything; `comparison_words` says it in words. All outputs are written
+whole, and images that an interrupted run had finished are used by the next one.
 """
 
 from __future__ import annotations
@@ -22,25 +22,23 @@ from .._check import choose, input_error
 from .._files import writable_folder, write_json, write_text
 from .._version import __version__
 from ..basis import Basis, load_basis
-from ..colour import delta_e_2000
-from ..mitsuba.comparison import model_bsdfs, render_bsdfs
+from ..colour import WAVELENGTH_NM, delta_e_2000
+from ..mitsuba.comparison import MODELS, model_bsdfs, render_bsdfs
 from ..mitsuba.scenes import SCENES
 from ..mitsuba.timing import Timing, kernel_times
 from ..subjects import Subject
-from .curves import curve_errors, draw_curves
-from .document import markdown
-from .images import RenderRow, draw_renders
+from .comparison_words import markdown
+from .curves import COLOUR_COSINES, curve_errors, draw_curves
+from .renders import RenderRow, draw_renders
 
 __all__ = [
-    "RENDER_MODELS",
     "TIMED_MODELS",
     "Settings",
     "default_folder",
     "run",
 ]
 
-RENDER_MODELS = ("exact", "decomposition", "schlick")
-TIMED_MODELS = ("exact", "decomposition", "schlick", "f82")
+TIMED_MODELS = (*MODELS, "f82")
 
 Progress = Callable[[str, float], None]
 
@@ -53,7 +51,7 @@ class Settings:
     ----------
     subjects : the materials
     alphas : roughnesses in (0, 1]
-    recipe, terms : the basis
+    recipe, terms : the basis, see `load_basis`
     variant : a Mitsuba variant that works here, with colour; default `doctor.best_variant()`
     size, spp : pixels along each side, samples per pixel; by default what the variant renders in
         seconds (256 and 64, in scalar variants 64 and 16)
@@ -64,7 +62,7 @@ class Settings:
     subjects: Sequence[Subject]
     alphas: Sequence[float] = (0.1,)
     recipe: str = "talk"
-    terms: int = 4
+    terms: int | None = None
     variant: str = field(default_factory=doctor.best_variant)
     size: int | None = None
     spp: int | None = None
@@ -115,7 +113,7 @@ class Settings:
             if "spectral" not in self.variant:
                 continue
             if subject.material is not None:  # every nanometre that Mitsuba may sample
-                basis.coefficients(*subject.material.at(np.arange(360.0, 831.0)))
+                basis.coefficients(*subject.material.at(WAVELENGTH_NM))
             elif not subject.grey:
                 raise input_error(
                     f"RGB indices ({subject.label}) with variant '{self.variant}'",
@@ -158,16 +156,16 @@ def run(
     errors = {subject.name: curve_errors(subject, basis) for subject in settings.subjects}
     draw_curves(settings.subjects, basis, target / "curves.png")
 
-    steps = len(jobs) * len(RENDER_MODELS)
+    steps = len(jobs) * len(MODELS)
     rows = []
     for number, (subject, alpha) in enumerate(jobs):
 
-        def rendering(model: str, fraction: float, done: int = number * len(RENDER_MODELS)) -> None:
-            step = done + RENDER_MODELS.index(model) + fraction
+        def rendering(model: str, fraction: float, done: int = number * len(MODELS)) -> None:
+            step = done + MODELS.index(model) + fraction
             progress(f"rendering {model}", 0.05 + 0.57 * step / steps)
 
         images = render_bsdfs(
-            _bsdfs(settings, subject, alpha, RENDER_MODELS),
+            _bsdfs(settings, subject, alpha, MODELS),
             scene=settings.scene,
             size=size,
             spp=spp,
@@ -199,7 +197,7 @@ def run(
         "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "settings": {
             "recipe": settings.recipe,
-            "terms": settings.terms,
+            "terms": basis.terms,
             "variant": settings.variant,
             "alphas": list(settings.alphas),
             "size": size,
@@ -262,10 +260,9 @@ def _material(subject: Subject, basis: Basis, errors: dict[str, Any]) -> dict[st
     material = subject.material
     if material is None:
         return entry
-    cos_theta = np.cos(np.radians(np.arange(0.0, 89.5, 0.5)))
-    truth = material.rgb_reflectance(cos_theta)
+    truth = material.rgb_reflectance(COLOUR_COSINES)
     spectral = material.rgb_coefficients(basis)
-    delta_e = delta_e_2000(basis.evaluate(spectral, cos_theta[:, None]), truth)
+    delta_e = delta_e_2000(basis.evaluate(spectral, COLOUR_COSINES[:, None]), truth)
     entry["source"] = material.source
     entry["spectral"] = {
         "illuminant": "D65",

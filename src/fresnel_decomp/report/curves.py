@@ -17,9 +17,12 @@ from ..models import model_from_ior
 from ..subjects import Subject
 from . import style
 
-__all__ = ["CURVE_MODELS", "CurveErrors", "curve_errors", "draw_curves"]
+__all__ = ["COLOUR_COSINES", "CURVE_MODELS", "CurveErrors", "curve_errors", "draw_curves"]
 
 CURVE_MODELS = ("decomposition", "schlick", "f82")
+
+COLOUR_COSINES = np.cos(np.radians(np.arange(0.0, 89.5, 0.5)))
+"""Where colours are compared: every half degree, but for 90 degrees, where all are white."""
 
 _RESIDUAL_LINEAR = 1e-3  # residual panels are linear up to here and logarithmic beyond
 
@@ -44,7 +47,7 @@ def curve_errors(
 ) -> dict[str, CurveErrors]:
     """Errors of the models, fitted to the subject's indices, by name."""
     everywhere, uniform = error_cosines()
-    by_angle = np.cos(np.radians(np.arange(0.0, 89.5, 0.5)))[:, None]
+    by_angle = COLOUR_COSINES[:, None]
     exact = conductor(everywhere[:, None], subject.eta, subject.k)
     exact_colour = conductor(by_angle, subject.eta, subject.k)
     errors = {}

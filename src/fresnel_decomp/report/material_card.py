@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -229,14 +230,10 @@ def render_card(card: MaterialCard, variant: str, size: int = 320, spp: int = 64
     colours = {
         f"c{i}": {"type": "rgb", "value": column.tolist()} for i, column in enumerate(coefficients)
     }
-    bsdf = {
-        "type": "decomposed_conductor",
-        "distribution": "ggx",
-        "alpha": 0.1,
-        "recipe": card.basis.recipe,
-        "terms": card.basis.terms,
-        **colours,
-    }
-    with variant_scope(variant):
-        scene = load_scene("studio", bsdf, size, spp=spp)
+    bsdf = {"type": "decomposed_conductor", "distribution": "ggx", "alpha": 0.1, **colours}
+    with variant_scope(variant), tempfile.TemporaryDirectory() as folder:
+        # the basis itself: one from a file need not be what ships under the name that it has
+        path = Path(folder) / "basis.json"
+        card.basis.save(path)
+        scene = load_scene("studio", {**bsdf, "recipe": str(path)}, size, spp=spp)
         return np.asarray(render_scene(scene, spp))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from .._markdown import markdown_table
+
 __all__ = ["markdown", "summary_rows", "times_line"]
 
 
@@ -57,7 +59,7 @@ def markdown(report: dict[str, Any]) -> str:
         "traced with the exact Fresnel equations, and all models share its indices, paths and "
         "samples.",
         "",
-        *_table(summary_rows(report)),
+        _table(summary_rows(report)),
         "",
         "Errors of curves are of the reflectance over all angles and channels (RMSE uniform in the "
         "cosine), ΔE00 curve is the mean over the angles 0–89° under D65; ΔE00 image and FLIP are "
@@ -71,7 +73,7 @@ def markdown(report: dict[str, Any]) -> str:
         "",
     ]
     for entry in report["materials"]:
-        lines += [f"### {entry['name']}", "", *_table(_coefficient_rows(entry)), ""]
+        lines += [f"### {entry['name']}", "", _table(_coefficient_rows(entry)), ""]
         if "spectral" in entry:
             spectral = entry["spectral"]
             lines += [
@@ -79,7 +81,7 @@ def markdown(report: dict[str, Any]) -> str:
                 f"ΔE00 {spectral['delta_e_mean']:.3f} on average and {spectral['delta_e_max']:.3f} "
                 "at most:",
                 "",
-                *_table(_coefficient_rows(spectral)),
+                _table(_coefficient_rows(spectral)),
                 "",
                 f"Data: {entry['source']}.",
                 "",
@@ -89,7 +91,7 @@ def markdown(report: dict[str, Any]) -> str:
             [name, *(f"{value:.2g}" for value in error.values())]
             for name, error in entry["curve_errors"].items()
         ]
-        lines += [*_table([head, *errors]), ""]
+        lines += [_table([head, *errors]), ""]
     lines += [
         "## Times",
         "",
@@ -97,7 +99,7 @@ def markdown(report: dict[str, Any]) -> str:
         f"{times['threads']} threads, median of {times['runs']} warm, interleaved rounds; ratios "
         "are medians over rounds, ± half the distance between quartiles.",
         "",
-        *_table(
+        _table(
             [
                 ["model", "median (ms)", "range (ms)", "ratio to exact"],
                 *(
@@ -132,8 +134,6 @@ def _coefficient_rows(entry: dict[str, Any]) -> list[list[str]]:
     return rows
 
 
-def _table(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Markdown lines of a table whose first row is the header."""
-    lines = ["| " + " | ".join(row) + " |" for row in rows]
-    lines.insert(1, "|" + " --- |" * len(rows[0]))
-    return lines
+def _table(rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table whose first row is the header."""
+    return markdown_table(rows[0], rows[1:])

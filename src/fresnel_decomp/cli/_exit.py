@@ -8,7 +8,7 @@ from typing import NoReturn
 
 import click
 
-from ._check import InputError
+from .._check import InputError
 
 __all__ = ["run_and_exit"]
 
@@ -26,7 +26,7 @@ def run_and_exit(
     command : click.Command
     arguments : the command line without the program's name; None for this process's own
     name : the program's name, for usage messages
-    interrupted : what to say after Ctrl-C
+    interrupted : what to say after Ctrl-C, where the command does not say it with `click.Abort`
     """
     code = 0
     try:
@@ -37,8 +37,8 @@ def run_and_exit(
     except click.ClickException as error:
         error.show()
         code = error.exit_code
-    except (click.Abort, KeyboardInterrupt):
-        click.echo(interrupted, err=True)
+    except (click.Abort, KeyboardInterrupt) as error:
+        click.echo(str(error) or interrupted, err=True)
         code = 130
     except (ImportError, OSError) as error:
         click.echo(f"Error: {error}", err=True)
