@@ -515,6 +515,27 @@ def test_gradients(backend, mode):
 
 
 @pytest.mark.parametrize("backend", AD_BACKENDS)
+def test_gradients_at_the_ends(backend):
+    """Of the functions: one-sided slopes, none beyond; a NaN stays one."""
+    import drjit as dr
+
+    basis = load_basis()
+    at = np.array([0.0, 1.0, -0.5, 1.5, np.nan])
+    cos_theta = float_type(backend, "float64")(at)
+    dr.enable_grad(cos_theta)
+    functions = basis(cos_theta)[1:]
+    step = 1e-6
+    low, high = ((basis(c + step)[1:] - basis(c)[1:]) / step for c in (0.0, 1.0 - step))
+    dr.set_grad(cos_theta, 1.0)
+    dr.enqueue(dr.ADMode.Forward, cos_theta)
+    dr.traverse(dr.ADMode.Forward)
+    for j, function in enumerate(functions):
+        found = np.array(dr.grad(function))
+        np.testing.assert_allclose(found[:4], [low[j], high[j], 0.0, 0.0], atol=1e-3)
+        assert np.isnan(np.array(dr.detach(function))[4])
+
+
+@pytest.mark.parametrize("backend", AD_BACKENDS)
 def test_gradient_from_reflectance(backend):
     """Affine: the gradient is the constant matrix of the projection."""
     import drjit as dr

@@ -109,6 +109,11 @@ def test_indices_from_node_colours(kind: str, eta: float, k: float) -> None:
     assert fit.misfit < 1e-12
 
 
+def test_unknown_kind() -> None:
+    with pytest.raises(InputError, match="Did you mean 'indices'"):
+        fit_curve_parameters(np.full(3, 0.5), np.eye(3), np.eye(3), "indicse", load_basis())
+
+
 @pytest.mark.parametrize("wrong", [2, 3])
 def test_shapes_must_fit(wrong: int) -> None:
     """Each of target and weight by itself."""

@@ -75,6 +75,7 @@ def test_dielectrics_keep_their_reflectance() -> None:
     f0 = np.array([0.0, 1e-9, 0.02, 0.04, 0.08, 0.5, 0.99])
     np.testing.assert_allclose(dielectric(1.0, dielectric_eta(f0)), f0, rtol=1e-9, atol=1e-12)
     assert dielectric_eta(0.04) == pytest.approx(1.5, rel=1e-12)
+    assert np.isnan(dielectric_eta(np.nan))
 
 
 def test_derivative_of_the_index_is_finite_at_zero() -> None:

@@ -226,5 +226,10 @@ def test_bad_input(arguments, options, message):
         Surface("x", [1.5], [0.0], None, -1.0)
     with pytest.raises(InputError, match="eta=-1"):
         Surface("x", [-1.0], [0.0])
+    for wavelength in ([500.0], [500.0, 400.0], [400.0, float("nan")]):
+        with pytest.raises(InputError, match="2 ascending wavelengths"):
+            Surface("x", [1.5, 1.4], [0.0, 0.0], wavelength_nm=wavelength)
+    with pytest.raises(InputError, match="2 channels"):
+        predicted_error(Surface("x", [1.5, 1.4], [0.0, 0.0]), Schlick(0.04), "delta-e")
     with pytest.raises(InputError, match="without a basis"):
         operations("decomposition", 3)

@@ -2,7 +2,7 @@
 
 The rule of `albedo` converges exponentially where F is smooth. Reflectance that has a kink, as that
 of a dielectric seen from inside has at the critical angle, slows it down: the default nodes then
-err by up to 0.015. Here they are doubled until the result stops moving.
+err by up to 0.02. Here they are doubled until the result stops moving.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ._array import drjit_module, is_drjit, one_kind, real_arrays
+from ._array import drjit_module, is_drjit, one_kind, ops_for, real_arrays
 from ._check import choose, input_error
 from ._files import write_json
 from ._version import __version__
@@ -150,9 +150,10 @@ class Basis:
         `terms` arrays. Outside [0, 1], cosines are clamped.
         """
         if is_drjit(cos_theta):
-            dr = drjit_module()
-            assert dr is not None
-            x = 2.0 * dr.clip(cos_theta, 0.0, 1.0) - 1.0
+            select = ops_for(cos_theta).select
+            # selected and not clipped: at the ends of [0, 1] derivatives pass
+            inside = select(cos_theta < 0.0, 0.0, select(cos_theta > 1.0, 1.0, cos_theta))
+            x = 2.0 * inside - 1.0
             return (1.0 + 0.0 * x, *(_clenshaw(row, x) for row in self.series))
         x = 2.0 * np.clip(np.asarray(cos_theta, np.float64), 0.0, 1.0) - 1.0
         return np.stack([np.ones_like(x), *(_clenshaw(row, x) for row in self.series)], axis=-1)

@@ -27,7 +27,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from ._array import drjit_module, is_drjit, ops_for
-from ._check import choose, input_error
+from ._check import choose, input_error, is_real
 from ._schlick import schlick
 from .basis import Basis, load_basis
 from .fresnel import conductor
@@ -147,9 +147,9 @@ def convert(
     _check_model(source)
     choose("to", to, TARGETS)
     choose("no_counterpart", no_counterpart, ("raise", "nearest"))
-    if not 0.0 < metallic <= 1.0:
+    if not (is_real(metallic, 0.0, 1.0) and metallic > 0.0):
         raise input_error(
-            f"metallic={metallic:g}", "a number in (0, 1]", "At 0 the base colour says nothing."
+            f"metallic={metallic!r}", "a number in (0, 1]", "At 0 the base colour says nothing."
         )
     if basis is None:
         basis = getattr(source, "basis", None) or load_basis()
@@ -337,6 +337,7 @@ def _edge_tint(r: Any, f82: Any) -> tuple[Any, Any]:
         below = _reflectance_at_82(r_value, middle) < target
         low, high = np.where(below, middle, low), np.where(below, high, middle)
     g = np.where(target <= ends[0], 0.0, np.where(target >= ends[1], 1.0, 0.5 * (low + high)))
+    g = np.where(np.isnan(target), np.nan, g)
     beyond = (target < ends[0] - TOLERANCE) | (target > ends[1] + TOLERANCE)
     if not is_drjit(r, f82):
         return _plain(g[()]), beyond[()]

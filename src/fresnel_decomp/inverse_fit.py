@@ -16,8 +16,9 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import ArrayLike, NDArray
 
-from ._check import input_error
+from ._check import choose, input_error
 from .basis import Basis
+from .fresnel import conductor
 from .parametrization import gulbrandsen_to_ior
 
 __all__ = [
@@ -317,6 +318,11 @@ def fit_curve_parameters(
     -------
     CurveFit
 
+    Raises
+    ------
+    InputError
+        For another kind.
+
     Examples
     --------
     >>> import numpy as np
@@ -328,8 +334,7 @@ def fit_curve_parameters(
     >>> fit_curve_parameters(x, np.eye(3), np.eye(3), "indices", basis).values.round(4)
     array([0.4, 2.5])
     """
-    from .fresnel import conductor
-
+    choose("kind", kind, ("indices", "gulbrandsen"))
     x, normal = np.asarray(x, np.float64), np.asarray(normal, np.float64)
     cosines = np.cos([0.0, *basis.nodes])
     values, vectors = np.linalg.eigh(normal)

@@ -230,6 +230,6 @@ def dielectric_eta(f0: Any) -> Any:
     1.5
     """
     ops = ops_for(f0)
-    present = f0 > _LEAST_F0
-    root = ops.sqrt(ops.select(present, f0, 1.0))
-    return ops.select(present, (1.0 + root) / ops.select(present, 1.0 - root, 1.0), 1.0)
+    black = f0 <= _LEAST_F0  # not NaN, which passes
+    root = ops.sqrt(ops.select(black, 1.0, f0))
+    return ops.select(black, 1.0, (1.0 + root) / ops.select(black, 1.0, 1.0 - root))

@@ -16,7 +16,6 @@ All of them are called with (mu, alpha), NumPy's or Dr.Jit's; none needs a rende
 from __future__ import annotations
 
 import functools
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -28,7 +27,7 @@ from ._array import is_drjit
 from ._check import input_error, is_real
 from ._schlick import bend_factor
 from ._vectors import of_kind
-from .albedo import directional_albedo
+from .albedo import ROUGHEST, directional_albedo
 from .energy import EnergyTable, missing, scaling
 from .microfacet import Smith
 from .table import AlbedoTable
@@ -288,7 +287,7 @@ def integrated_albedo(
     ----------
     curve : callable from (..., 1) cosines to (..., 3) reflectances
         Such as `Exact(eta, k)` with (3,) indices.
-    alpha : float ≥ 0
+    alpha : float in [0, ROUGHEST]
         The result is for this roughness, whatever it is called with.
     smith : {"separable", "correlated"}
     cosines : int ≥ 2
@@ -303,9 +302,11 @@ def integrated_albedo(
     InputError
         For other roughnesses, conventions and numbers of cosines.
     """
-    if not is_real(alpha, 0.0, sys.float_info.max):
+    if not is_real(alpha, 0.0, ROUGHEST):
         raise input_error(
-            f"alpha={alpha!r}", "a finite number ≥ 0", "It is the square of the perceptual."
+            f"alpha={alpha!r}",
+            f"a number in [0, {ROUGHEST:g}]",
+            "It is the square of the perceptual roughness.",
         )
     layout = Layout(cosines, 2)
     root = np.linspace(0.0, 1.0, layout.width)
