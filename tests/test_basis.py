@@ -23,7 +23,8 @@ from fresnel_decomp import (
     load_basis,
 )
 from fresnel_decomp.curves import talk_training_set
-from fresnel_decomp.extraction import RECIPES, SVD_RECIPES, extract
+from fresnel_decomp.recipes import RECIPES, SVD_RECIPES
+from fresnel_decomp.singular_vectors import extract
 from oracles import central_difference, textbook
 
 SHIPPED = [(recipe, terms) for recipe in RECIPES for terms in (3, 4, 5, 6)]
@@ -145,6 +146,34 @@ def test_json_round_trip():
     np.testing.assert_array_equal(again.nodes, basis.nodes)
     assert (again.recipe, again.provenance) == (basis.recipe, basis.provenance)
     assert again.closed_form.error == basis.closed_form.error
+
+
+def test_parts_that_do_not_belong_together():
+    whole = load_basis().to_json()
+    for name, wrong in (
+        ("nodes", whole["nodes"][:1]),
+        ("nodes", [1.2, 1.6]),
+        ("nodes", [1.2, float("nan")]),
+        ("series", whole["series"][:2]),
+        ("series", [[float("inf")] * 4] * 3),
+        ("closed_form", load_basis(terms=5).to_json()["closed_form"]),
+    ):
+        with pytest.raises(InputError, match=r"accepted: .*(as many terms|finite series)"):
+            Basis.from_json({**whole, name: wrong})
+
+
+def test_files(tmp_path):
+    path = tmp_path / "mine.json"
+    load_basis(terms=5).save(path)
+    assert load_basis(path).terms == load_basis(str(path), 5).terms == 5
+    with pytest.raises(InputError, match=r"terms=4.*accepted: 5, which the file has"):
+        load_basis(path, 4)
+    for text in ("", "{}", "[]", json.dumps({**load_basis().to_json(), "nodes": [1.2]})):
+        path.write_text(text)
+        with pytest.raises(InputError, match="cannot load a basis from"):
+            load_basis(path)
+    with pytest.raises(InputError, match=r"ending in \.json"):
+        load_basis().save(tmp_path / "mine.txt")
 
 
 # --- a user's own training set ----------------------------------------------------------------

@@ -115,7 +115,7 @@ def test_tighter_bounds_cost_more():
 
 def test_nothing_is_left_out_for_the_cheapest():
     """Brute force over all shipped bases finds no cheaper one that keeps the bound."""
-    from fresnel_decomp.extraction import RECIPES
+    from fresnel_decomp.recipes import RECIPES
 
     surface, bound = Surface("gold", *GOLD), 0.004
     plan = plan_surfaces([surface], bound, own_basis=False)

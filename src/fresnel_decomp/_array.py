@@ -29,6 +29,7 @@ __all__ = [
     "one_kind",
     "ops_for",
     "polynomial",
+    "read_only",
     "real_arguments",
     "real_arrays",
 ]
@@ -326,6 +327,13 @@ def floating_type(*values: Any) -> np.dtype:
     typed = [value.dtype for value in values if isinstance(value, np.ndarray | np.generic)]
     typed = [dtype for dtype in typed if dtype.kind == "f"]
     return np.result_type(*typed) if typed else np.dtype(np.float64)
+
+
+def read_only(array: Any) -> np.ndarray:
+    """A float64 copy that cannot be written to."""
+    copy = np.array(array, np.float64)
+    copy.flags.writeable = False
+    return copy
 
 
 def drjit_constant(kind: Any, values: Any) -> Any:

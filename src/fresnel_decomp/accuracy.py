@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from . import curves
 from .basis import Basis, load_basis
 from .curves import CurveSet
-from .extraction import RECIPES
 from .models import F82, Lazanyi, Schlick
+from .recipes import RECIPES
 from .spectra import Material, list_materials, load_material
 
 __all__ = [

@@ -22,9 +22,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ._array import drjit_constant, drjit_module, is_drjit, one_kind
+from ._array import drjit_constant, drjit_module, is_drjit, one_kind, read_only
 from ._check import choose, input_error
-from .closed_form import check_terms, read_only
+from ._coefficients import check_terms, weighted_sum
 
 __all__ = ["WARPS", "BasisTable", "Warp", "tabulate_basis"]
 
@@ -105,10 +105,8 @@ class BasisTable:
         functions = self(cos_theta)
         if not is_drjit(cos_theta):
             functions = [float(value) for value in functions]
-        total = coefficients[0]
-        for coefficient, function in zip(coefficients[1:], functions[1:], strict=True):
-            total = total + coefficient * function
-        return total
+        # the first is 1: not multiplied with
+        return weighted_sum(coefficients, (1.0, *functions[1:]))
 
     def _drjit(self, cos_theta: Any) -> tuple[Any, ...]:
         dr = drjit_module()

@@ -18,9 +18,9 @@ import numpy as np
 
 from ._check import InputError, choose, input_error
 from .albedo import directional_albedo
-from .basis import Basis, extract_basis, load_basis
+from .basis import Basis, load_basis
 from .curves import CurveSet
-from .extraction import RECIPES
+from .extraction import extract_basis
 from .models import F82, Schlick
 from .prediction import (
     METRICS,
@@ -30,6 +30,7 @@ from .prediction import (
     operations,
     predicted_error,
 )
+from .recipes import RECIPES
 from .table import AlbedoTable
 
 __all__ = ["Choice", "LeftExact", "Plan", "Table", "plan_surfaces"]

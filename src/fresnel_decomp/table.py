@@ -18,12 +18,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ._array import drjit_constant, drjit_module, floating_type, is_drjit, one_kind, real_arguments
+from ._array import drjit_constant, drjit_module, floating_type, is_drjit, real_arguments
 from ._check import choose, input_error
+from ._coefficients import check_terms, evaluated
 from ._version import __version__
 from .albedo import Quadrature, checked_quadrature, directional_albedo
 from .basis import Basis
-from .closed_form import check_terms
 from .fast_curves import FastCurves, packets
 from .microfacet import DISTRIBUTIONS, SMITH, Distribution, Smith
 from .table_layout import Layout
@@ -40,7 +40,6 @@ CHECK_QUADRATURE = Quadrature(32, 32)
 @dataclass(frozen=True, eq=False)
 class AlbedoTable:
     """Directional albedos of basis functions, tabulated.
-
 
     Attributes
     ----------
@@ -247,16 +246,7 @@ class AlbedoTable:
         """
         mu, alpha = real_arguments(mu=mu, alpha=alpha)
         coefficients = check_terms(coefficients, alpha if is_drjit(alpha) else mu, self.terms)
-        if isinstance(coefficients, np.ndarray) and not is_drjit(mu, alpha):
-            return (coefficients * self.lookup(mu, alpha)).sum(axis=-1)
-        mu, alpha, *coefficients = one_kind(mu, alpha, *coefficients)
-        functions = self.lookup(mu, alpha)
-        if not is_drjit(mu, alpha):
-            functions = [float(value) for value in functions]
-        return sum(
-            (c * b for c, b in zip(coefficients[1:], functions[1:], strict=True)),
-            coefficients[0] * functions[0],
-        )
+        return evaluated(self.lookup, coefficients, mu, alpha)
 
     def _lookup_drjit(self, mu: Any, alpha: Any) -> Any:
         dr = drjit_module()
