@@ -9,7 +9,10 @@ import numpy as np
 from ._array import drjit_module, is_drjit, one_kind
 from ._check import InputError, input_error
 
-__all__ = ["as_vector", "as_vectors", "of_kind"]
+__all__ = ["Vector", "as_vector", "as_vectors", "of_kind"]
+
+Vector = tuple[Any, Any, Any]
+"""Three components, each a number or an array."""
 
 
 def as_vector(value: Any, name: str = "direction") -> Any:

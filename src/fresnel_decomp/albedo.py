@@ -42,14 +42,8 @@ from ._array import (
     real_arguments,
 )
 from ._check import choose, input_error
-from .microfacet import (
-    SMITH,
-    Distribution,
-    Shape,
-    Smith,
-    named_shape,
-    shadowing_ratio,
-)
+from ._distributions import Shape, named_shape
+from .microfacet import SMITH, Distribution, Smith, shadowing_ratio
 
 __all__ = [
     "MOST_NODES",

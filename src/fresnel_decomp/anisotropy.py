@@ -17,6 +17,7 @@ import numpy as np
 
 from ._array import ops_for
 from ._check import choose, input_error, is_whole
+from ._distributions import named_shape
 from .albedo import SMOOTH, Fresnel
 from .energy import missing
 from .fast_curves import FastCurves
@@ -25,7 +26,6 @@ from .microfacet import (
     Distribution,
     Smith,
     masking,
-    named_shape,
     sample_visible_normal,
     shadowing_ratio,
 )

@@ -39,9 +39,10 @@ import numpy as np
 
 from ._array import Ops, drjit_module, floating_type, is_drjit, one_kind, ops_for
 from ._check import InputError, choose, input_error
+from ._vectors import Vector
 from .irradiance import cross, dot, ellipse_irradiance, polygon_irradiance
 from .ltc import Lobe, LobeTable
-from .microfacet import Vector, half_vector
+from .microfacet import half_vector
 from .split_albedo import SplitAlbedo
 from .table import AlbedoTable
 

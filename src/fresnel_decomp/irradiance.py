@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 
 from ._array import DrJitOps, Ops, drjit_module, is_drjit, ops_for
-from .microfacet import Vector
+from ._vectors import Vector
 
 __all__ = ["cross", "dot", "ellipse_irradiance", "polygon_irradiance"]
 

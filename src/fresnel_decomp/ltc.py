@@ -42,7 +42,8 @@ import numpy as np
 from ._array import Ops, is_drjit, ops_for
 from ._check import InputError, choose, input_error
 from ._files import replacing
-from .microfacet import SMITH, Distribution, Smith, Vector
+from ._vectors import Vector
+from .microfacet import SMITH, Distribution, Smith
 from .table import AlbedoTable
 from .table_layout import Layout
 
