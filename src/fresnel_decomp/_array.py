@@ -26,6 +26,7 @@ __all__ = [
     "floating_type",
     "is_drjit",
     "multiply_add",
+    "numpy_arguments",
     "one_kind",
     "ops_for",
     "polynomial",
@@ -320,6 +321,15 @@ def real_arguments(**named: Any) -> tuple[Any, ...]:
             "dr.meshgrid gives every combination.",
         )
     return one_kind(*named.values())
+
+
+def numpy_arguments(**named: Any) -> tuple[Any, ...]:
+    """`real_arguments` where Dr.Jit arrays are refused."""
+    if is_drjit(*named.values()):
+        raise input_error(
+            "a Dr.Jit array", "NumPy arrays and Python floats", "Pass np.array(alpha) and the like."
+        )
+    return real_arguments(**named)
 
 
 def floating_type(*values: Any) -> np.dtype:

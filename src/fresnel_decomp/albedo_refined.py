@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ._array import numpy_arguments
 from ._check import input_error
 from .albedo import (
     MOST_NODES,
@@ -19,7 +20,6 @@ from .albedo import (
     Fresnel,
     Quadrature,
     directional_albedo,
-    numpy_arguments,
 )
 from .microfacet import Distribution, Smith
 

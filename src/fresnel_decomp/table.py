@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import operator
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -19,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ._array import drjit_constant, drjit_module, floating_type, is_drjit, real_arguments
-from ._check import choose, input_error
+from ._check import choose, input_error, is_whole
 from ._coefficients import check_terms, evaluated
 from ._version import __version__
 from .albedo import Quadrature, checked_quadrature, directional_albedo
@@ -361,10 +360,8 @@ def _as_json(metadata: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _width_and_height(size: Any) -> tuple[int, int]:
-    try:
-        return operator.index(size), operator.index(size)
-    except TypeError:
-        pass
+    if is_whole(size, 0):
+        return size, size
     if not isinstance(size, tuple | list) or len(size) != 2:
         raise input_error(f"size={size!r}", "an int, or (width, height)", "64 is enough.")
     return size[0], size[1]
