@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import reprlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from types import ModuleType
 from typing import Any
 
@@ -29,10 +29,12 @@ __all__ = [
     "numpy_arguments",
     "one_kind",
     "ops_for",
+    "plain_numbers",
     "polynomial",
     "read_only",
     "real_arguments",
     "real_arrays",
+    "without_axes",
 ]
 
 REAL = "fiu"
@@ -66,14 +68,8 @@ class Ops:
     erfinv: Callable[..., Any]
     arccos: Callable[..., Any]
     arctan2: Callable[..., Any]
-
-    def sinh(self, x: Any) -> Any:
-        """Hyperbolic sine."""
-        return np.sinh(x)
-
-    def arcsinh(self, x: Any) -> Any:
-        """Its inverse, for x >= 0."""
-        return np.arcsinh(x)
+    sinh: Callable[..., Any]
+    arcsinh: Callable[..., Any]  # of x >= 0
 
     def sincos(self, x: Any) -> tuple[Any, Any]:
         """Both at once, which Dr.Jit computes at little more than the cost of one."""
@@ -109,6 +105,7 @@ class NumPyOps(Ops):
         self.minimum, self.maximum, self.select = np.minimum, np.maximum, np.where
         self.sin, self.cos, self.exp, self.log = np.sin, np.cos, np.exp, np.log
         self.arccos, self.arctan2 = np.arccos, np.arctan2
+        self.sinh, self.arcsinh = np.sinh, np.arcsinh
         self.erf, self.erfinv = _from_scipy("erf"), _from_scipy("erfinv")
 
     def fma(self, a: Any, b: Any, c: Any) -> Any:
@@ -165,14 +162,15 @@ class DrJitOps(Ops):
         self.sin, self.cos, self.exp, self.log = dr.sin, dr.cos, dr.exp, dr.log
         self.erf, self.erfinv = dr.erf, dr.erfinv
         self.arccos, self.arctan2 = dr.acos, dr.atan2
+        self.sinh, self.arcsinh = self._sinh, self._arcsinh
 
     # `dr.sinh` and `dr.asinh` fail for scalar arrays; these are right to a rounding of 1
 
-    def sinh(self, x: Any) -> Any:
+    def _sinh(self, x: Any) -> Any:
         grown = self.dr.exp(x)
         return 0.5 * (grown - 1.0 / grown)
 
-    def arcsinh(self, x: Any) -> Any:
+    def _arcsinh(self, x: Any) -> Any:
         return self.dr.log(x + self.dr.sqrt(self.dr.fma(x, x, 1.0)))
 
     def sincos(self, x: Any) -> tuple[Any, Any]:
@@ -259,19 +257,24 @@ def real_arrays(**named: Any) -> list[np.ndarray]:
     arrays = [_as_array(value) for value in named.values()]
     if any(array.dtype.kind not in REAL for array in arrays):
         raise input_error(
-            f"{', '.join(named)} of types {', '.join(str(array.dtype) for array in arrays)}",
+            f"{_joined(named)} of types {', '.join(str(array.dtype) for array in arrays)}",
             "real numbers",
-            "Pass eta and k as two real arrays.",
+            "Give the two parts of a complex one apart, eta and k.",
         )
     try:
         np.broadcast_shapes(*(array.shape for array in arrays))
     except ValueError:
         raise input_error(
-            f"{', '.join(named)} of shapes {', '.join(str(array.shape) for array in arrays)}",
+            f"{_joined(named)} of shapes {', '.join(str(array.shape) for array in arrays)}",
             "shapes that broadcast",
-            "Add axes, e.g. eta[:, None], to evaluate every material at every angle.",
+            "Add axes, e.g. eta[:, None], for every combination.",
         ) from None
     return arrays
+
+
+def _joined(names: Iterable[str]) -> str:
+    *some, last = names
+    return f"{', '.join(some)} and {last}" if some else last
 
 
 def real_arguments(**named: Any) -> tuple[Any, ...]:
@@ -283,40 +286,22 @@ def real_arguments(**named: Any) -> tuple[Any, ...]:
         If they are not real numbers, or their shapes, or sizes of Dr.Jit arrays, do not broadcast;
         and as `one_kind` does.
     """
-    dr = drjit_module()
-    shapes, sizes = [], set()
-    kind: Any
+    real_arrays(**{name: value for name, value in named.items() if not is_drjit(value)})
+    dr, sizes = drjit_module(), set()
     for name, value in named.items():
-        if is_drjit(value):
-            assert dr is not None
-            real, kind = dr.is_arithmetic_v(value) and not dr.is_complex_v(value), type(value)
-            if dr.depth_v(value) == 1 and not dr.is_tensor_v(value):
-                sizes.add(dr.width(value))
-        else:
-            try:
-                array = np.asarray(value)
-            except ValueError:  # rows of several lengths
-                array = np.asarray(None)
-            real = array.dtype.kind in "fiub"
-            kind = array.dtype if isinstance(value, np.ndarray) else type(value)
-            shapes.append(array.shape)
-        if not real:
-            given = f"{value!r:.40}" if isinstance(value, str | complex | None) else str(kind)
+        if dr is None or not is_drjit(value):
+            continue
+        if not dr.is_arithmetic_v(value) or dr.is_complex_v(value):
             raise input_error(
-                f"{name}={given}", "real numbers", "Pass a float, a NumPy array or a Dr.Jit array."
+                f"{name} of type {type(value).__name__}",
+                "real numbers",
+                "Pass a float, a NumPy array or a Dr.Jit array.",
             )
-    names = " and ".join(named)
-    try:
-        np.broadcast_shapes(*shapes)
-    except ValueError:
-        raise input_error(
-            f"{names} of shapes {', '.join(map(str, shapes))}",
-            "shapes that broadcast",
-            "Add axes, e.g. alpha[:, None], for every combination.",
-        ) from None
+        if dr.depth_v(value) == 1 and not dr.is_tensor_v(value):
+            sizes.add(dr.width(value))
     if len(sizes - {1}) > 1:
         raise input_error(
-            f"{names} of sizes {', '.join(map(str, sorted(sizes)))}",
+            f"{_joined(named)} of sizes {', '.join(map(str, sorted(sizes)))}",
             "Dr.Jit arrays of one size, or of size 1",
             "dr.meshgrid gives every combination.",
         )
@@ -330,6 +315,18 @@ def numpy_arguments(**named: Any) -> tuple[Any, ...]:
             "a Dr.Jit array", "NumPy arrays and Python floats", "Pass np.array(alpha) and the like."
         )
     return real_arguments(**named)
+
+
+def plain_numbers(*values: Any) -> bool:
+    """Whether none of `values` is of NumPy: then a result without axes is to be a Python float."""
+    return not any(isinstance(value, np.generic | np.ndarray) for value in values)
+
+
+def without_axes(result: Any, plain: bool) -> Any:
+    """A NumPy result; without axes as a Python float if `plain`, else as a NumPy scalar."""
+    if not isinstance(result, np.generic | np.ndarray) or result.ndim:
+        return result
+    return float(result) if plain else np.asarray(result)[()]
 
 
 def floating_type(*values: Any) -> np.dtype:

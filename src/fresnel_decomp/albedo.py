@@ -36,7 +36,9 @@ from ._array import (
     is_drjit,
     numpy_arguments,
     ops_for,
+    plain_numbers,
     real_arguments,
+    without_axes,
 )
 from ._check import choose, input_error, is_whole
 from ._distributions import Shape, named_shape
@@ -277,7 +279,7 @@ def _check_scalar(name: str, value: Any) -> None:
 
 def _on_numpy(f: Fresnel, mu: Any, alpha: Any, smith: str, shape: Shape, nodes: Nodes) -> Any:
     result_type = floating_type(mu, alpha)
-    plain = not any(isinstance(value, np.generic | np.ndarray) for value in (mu, alpha))
+    plain = plain_numbers(mu, alpha)
     mu, alpha = np.broadcast_arrays(np.asarray(mu, np.float64), np.asarray(alpha, np.float64))
     valid = ~np.isnan(mu) & (alpha >= 0.0) & (alpha <= ROUGHEST)
     smooth = alpha < SMOOTH
@@ -298,9 +300,7 @@ def _on_numpy(f: Fresnel, mu: Any, alpha: Any, smith: str, shape: Shape, nodes: 
         mirror = mirror[0] if mirror.ndim else mirror  # of a constant
         total = np.where(smooth[..., None] if vector else smooth, mirror, total)
     total = np.where(valid[..., None] if vector else valid, total, np.nan)
-    if total.ndim == 0:
-        return float(total) if plain else total.astype(result_type)[()]
-    return total.astype(result_type)
+    return without_axes(total.astype(result_type), plain)
 
 
 def _on_drjit(f: Fresnel, mu: Any, alpha: Any, smith: str, shape: Shape, nodes: Nodes) -> Any:

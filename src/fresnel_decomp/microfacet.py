@@ -29,7 +29,7 @@ from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 
-from ._array import Ops, floating_type, is_drjit, one_kind, ops_for
+from ._array import Ops, floating_type, is_drjit, one_kind, ops_for, plain_numbers, without_axes
 from ._check import choose
 from ._distributions import SHAPES, Shape, named_shape
 from ._vectors import Vector
@@ -68,8 +68,7 @@ def _same_kind(function: _Function) -> _Function:
     def wrapped(*arguments: Any, **options: Any) -> Any:
         result = function(*arguments, **options)
         given = [v for a in arguments for v in (a if isinstance(a, tuple) else (a,))]
-        plain = not any(isinstance(value, np.generic | np.ndarray) for value in given)
-        return _without_axes(result, plain)
+        return _without_axes(result, plain_numbers(*given))
 
     return cast(_Function, wrapped)
 
@@ -77,9 +76,7 @@ def _same_kind(function: _Function) -> _Function:
 def _without_axes(result: Any, plain: bool) -> Any:
     if isinstance(result, tuple):
         return tuple(_without_axes(value, plain) for value in result)
-    if not isinstance(result, np.generic | np.ndarray) or result.ndim:
-        return result
-    return float(result) if plain else result.dtype.type(result)
+    return without_axes(result, plain)
 
 
 @_same_kind
