@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from . import area_light as area_light
     from . import basis as basis
     from . import basis_table as basis_table
+    from . import bench as bench
     from . import closed_form as closed_form
     from . import colour as colour
     from . import converters as converters
@@ -138,6 +139,7 @@ _SUBMODULES = {
     "albedo_estimates",
     "albedo_refined",
     "anisotropy",
+    "bench",
     "doctor",
     "fast_curves",
     "images",

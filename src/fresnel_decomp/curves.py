@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,7 @@ from .fresnel import conductor, transmittance
 from .parametrization import gulbrandsen_to_ior
 
 __all__ = [
+    "SETS",
     "CurveSet",
     "dielectrics",
     "error_cosines",
@@ -164,6 +165,15 @@ def measured_metals(names: Collection[str] | None = None) -> CurveSet:
         rows.append(np.stack(material.at(wavelength[measured])))
     eta, k = np.concatenate(rows, axis=1)
     return CurveSet("d", eta, k)
+
+
+SETS: dict[str, Callable[[], CurveSet]] = {
+    "a": dielectrics,
+    "cp": gulbrandsen_grid,
+    "d": measured_metals,
+    "low": low_index_corner,
+}
+"""What every model is judged on, by name."""
 
 
 def error_cosines() -> tuple[np.ndarray, np.ndarray]:

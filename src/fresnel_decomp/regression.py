@@ -241,6 +241,7 @@ def _trapezoid(cos_theta: np.ndarray) -> np.ndarray:
     return (gaps[1:] + gaps[:-1]) / 2.0
 
 
+@functools.cache
 def albedo_operator(size: int = 128) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(points, operator, weights): values at points to directional albedos, Gauss rules.
 

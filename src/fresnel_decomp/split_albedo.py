@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 
 from ._array import is_drjit
 from ._check import input_error, is_real
+from ._coefficients import weighted_sum
 from ._schlick import bend_factor
 from ._vectors import of_kind
 from .albedo import ROUGHEST, directional_albedo
@@ -97,8 +98,11 @@ class SplitAlbedo:
         InputError
             For Dr.Jit coefficients if neither mu nor alpha is a Dr.Jit array.
         """
-        functions = self.table.lookup(mu, alpha)
-        if not is_drjit(mu, alpha):
+        return self._weighed(self.table.lookup(mu, alpha))
+
+    def _weighed(self, functions: Any) -> Any:
+        """For what a lookup has given."""
+        if isinstance(functions, np.ndarray):
             if any(is_drjit(c) for row in self.coefficients for c in row):
                 raise input_error(
                     "Dr.Jit coefficients together with mu and alpha of NumPy",
@@ -108,11 +112,7 @@ class SplitAlbedo:
             return functions @ np.asarray(self.coefficients, functions.dtype).T
         kind = type(functions[0])
         return tuple(
-            sum(
-                (of_kind(kind, c) * b for c, b in zip(row[1:], functions[1:], strict=True)),
-                of_kind(kind, row[0]) * functions[0],
-            )
-            for row in self.coefficients
+            weighted_sum([of_kind(kind, c) for c in row], functions) for row in self.coefficients
         )
 
 
@@ -229,7 +229,7 @@ class CompensatedAlbedo:
         """(..., 3) float array, or a tuple of three Dr.Jit arrays; see `SplitAlbedo`."""
         single = SplitAlbedo(self.energy.table, self.coefficients)
         functions = single.table.lookup(mu, alpha)
-        plain = single(mu, alpha)
+        plain = single._weighed(functions)
         if not is_drjit(mu, alpha):
             rows = np.asarray(self.coefficients, np.float64)
             alphas = np.asarray(alpha)[..., None]
