@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from . import ltc as ltc
     from . import ltc_fit as ltc_fit
     from . import machine as machine
+    from . import material as material
     from . import metallic as metallic
     from . import microfacet as microfacet
     from . import mitsuba as mitsuba
@@ -79,6 +80,7 @@ if TYPE_CHECKING:
         transmittance,
     )
     from .ltc import LobeTable, load_lobes
+    from .material import Material
     from .models import F82, Decomposition, Exact, Gulbrandsen, Lazanyi, Schlick, model_from_ior
     from .parametrization import (
         f0_from_ior,
@@ -88,7 +90,7 @@ if TYPE_CHECKING:
     )
     from .recipes import RECIPES
     from .representations import Curve, LinearTint, MetallicBase, NodeColours
-    from .spectra import Material, list_materials, load_material
+    from .spectra import list_materials, load_material
     from .table import AlbedoTable
 
 _HOMES = {
@@ -129,7 +131,8 @@ _HOMES = {
     ],
     "recipes": ["RECIPES"],
     "representations": ["Curve", "LinearTint", "MetallicBase", "NodeColours"],
-    "spectra": ["Material", "list_materials", "load_material"],
+    "material": ["Material"],
+    "spectra": ["list_materials", "load_material"],
     "table": ["AlbedoTable"],
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}

@@ -19,10 +19,11 @@ from ._coefficients import TERMS
 from .basis import Basis, load_basis
 from .colour import delta_e_2000
 from .curves import SETS, CurveSet, error_cosines
+from .material import Material
 from .models import F82, Lazanyi, Schlick
 from .recipes import RECIPES
 from .regression import albedo_operator
-from .spectra import Material, list_materials, load_material
+from .spectra import list_materials, load_material
 
 __all__ = [
     "COLOUR_DEGREES",

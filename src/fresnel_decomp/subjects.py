@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from ._check import input_error
+from .material import Material
 from .parametrization import gulbrandsen_to_ior
-from .spectra import Material, load_material
+from .spectra import load_material
 
 __all__ = ["Subject", "from_gulbrandsen", "from_indices", "from_material"]
 

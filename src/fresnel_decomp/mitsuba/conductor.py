@@ -21,9 +21,9 @@ from .._data_sets import data_set_files, find_data_set
 from ..basis import Basis, load_basis
 from ..colour import WAVELENGTH_NM, luminance_weights, rgb_weights
 from ..fresnel import conductor
+from ..material import Material as Spectrum
 from ..microfacet import SMITH
 from ..parametrization import F82_COSINE
-from ..spectra import Material as Spectrum
 from ..spectra import load_material
 from .compensation import chosen_compensation
 from .fresnel_terms import F82, Decomposition, Exact, Material, Schlick, parameter_set
