@@ -21,10 +21,12 @@ __all__ = [
     "DrJitOps",
     "NumPyOps",
     "Ops",
+    "detached",
     "drjit_constant",
     "drjit_module",
     "floating_type",
     "is_drjit",
+    "is_recording",
     "multiply_add",
     "numpy_arguments",
     "one_kind",
@@ -50,6 +52,20 @@ def is_drjit(*values: Any) -> bool:
     """True if any of `values` is a Dr.Jit array of any backend."""
     dr = drjit_module()
     return dr is not None and any(dr.is_array_v(value) for value in values)
+
+
+def is_recording() -> bool:
+    """Whether Dr.Jit records a loop, a call or a function: there may be no values to look at."""
+    dr = drjit_module()
+    return dr is not None and any(
+        dr.flag(flag) for flag in (dr.JitFlag.SymbolicScope, dr.JitFlag.FreezingScope)
+    )
+
+
+def detached(value: Any) -> Any:
+    """The values of a Dr.Jit array in NumPy; anything else as it is."""
+    dr = drjit_module()
+    return np.array(dr.detach(value)) if dr is not None and is_drjit(value) else value
 
 
 class Ops:
