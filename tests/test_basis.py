@@ -403,7 +403,7 @@ def test_bad_input():
             basis.coefficients(eta, k)
         with pytest.raises(InputError, match=r"at index \(1, 0\);"):
             basis.coefficients(np.array([[1.5], [eta]]), np.array([[0.0], [k]]))
-    with pytest.raises(InputError, match=r"eta, k of shapes \(3,\), \(2,\)"):
+    with pytest.raises(InputError, match=r"eta and k of shapes \(3,\), \(2,\)"):
         basis.coefficients(np.ones(3), np.ones(2))
     with pytest.raises(InputError, match="complex128"):
         basis.coefficients(np.array([1.5 + 0.1j]), 0.0)

@@ -21,6 +21,7 @@ __all__ = [
     "DrJitOps",
     "NumPyOps",
     "Ops",
+    "check_indices",
     "detached",
     "drjit_constant",
     "drjit_module",
@@ -343,6 +344,27 @@ def without_axes(result: Any, plain: bool) -> Any:
     if not isinstance(result, np.generic | np.ndarray) or result.ndim:
         return result
     return float(result) if plain else np.asarray(result)[()]
+
+
+def check_indices(eta: np.ndarray, k: np.ndarray, place: str = "index") -> None:
+    """Refuse indices of refraction but finite eta > 0 and k >= 0; the error names the first.
+
+    Raises
+    ------
+    InputError
+        If there are others.
+    """
+    bad = ~(np.isfinite(eta) & (eta > 0.0) & np.isfinite(k) & (k >= 0.0))
+    if not np.any(bad):
+        return
+    at = tuple(np.argwhere(bad)[0].tolist())
+    pair = [float(np.broadcast_to(value, bad.shape)[at]) for value in (eta, k)]
+    where = f" at {place} {at[0] if len(at) == 1 else at}" if at else ""
+    raise input_error(
+        f"eta={pair[0]:g}, k={pair[1]:g}{where}",
+        "finite eta > 0 and k >= 0",
+        "Absorbing media have k > 0 in the convention eta + i k.",
+    )
 
 
 def floating_type(*values: Any) -> np.dtype:

@@ -15,7 +15,16 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ._array import drjit_module, is_drjit, one_kind, ops_for, read_only, real_arrays
+from ._array import (
+    check_indices,
+    detached,
+    drjit_module,
+    is_drjit,
+    one_kind,
+    ops_for,
+    read_only,
+    real_arrays,
+)
 from ._check import choose, input_error
 from ._coefficients import check_count, check_terms, evaluated, weighted_sum
 from ._files import write_json
@@ -278,7 +287,7 @@ class Basis:
             eta, k = (value.astype(np.float64) for value in real_arrays(eta=eta, k=k))
             plain = eta, k
         if plain is not None:
-            _check_indices(*plain)
+            check_indices(*plain)
             if poor_fit == "raise":
                 self._refuse_poor_fits(*plain)
         values = [conductor(float(np.cos(node)), eta, k) for node in (0.0, *self.nodes)]
@@ -427,25 +436,13 @@ class Basis:
 
 
 def _evaluated(eta: Any, k: Any) -> tuple[np.ndarray, np.ndarray] | None:
-    """The values of Dr.Jit arrays; None while Dr.Jit records, when there are none."""
+    """The values of Dr.Jit arrays; None while Dr.Jit records code that it does not run."""
     dr = drjit_module()
     assert dr is not None
     if dr.flag(dr.JitFlag.SymbolicScope):
         return None
-    eta, k = (np.array(dr.detach(v), np.float64) for v in (eta + 0.0 * k, k + 0.0 * eta))
+    eta, k = (np.asarray(detached(v), np.float64) for v in (eta + 0.0 * k, k + 0.0 * eta))
     return eta, k
-
-
-def _check_indices(eta: np.ndarray, k: np.ndarray) -> None:
-    bad = ~(np.isfinite(eta) & (eta > 0.0) & np.isfinite(k) & (k >= 0.0))
-    if np.any(bad):
-        at = tuple(np.argwhere(bad)[0].tolist())
-        pair = [float(np.broadcast_to(v, bad.shape)[at]) for v in (eta, k)]
-        raise input_error(
-            f"eta={pair[0]:g}, k={pair[1]:g}" + (f" at index {at}" if at else ""),
-            "finite eta > 0 and k >= 0",
-            "Absorbing media have k > 0 in the convention eta + i k.",
-        )
 
 
 def _summary(error: np.ndarray, uniform_count: int) -> np.ndarray:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ._array import check_indices
 from ._check import input_error
 from .fresnel import conductor, transmittance
 from .parametrization import gulbrandsen_to_ior
@@ -53,13 +54,7 @@ class CurveSet:
                 "two arrays of the same shape (n,)",
                 "Flatten them after broadcasting: numpy.broadcast_arrays(eta, k).",
             )
-        bad = np.flatnonzero(~(np.isfinite(eta) & (eta > 0.0) & np.isfinite(k) & (k >= 0.0)))
-        if bad.size:
-            raise input_error(
-                f"eta={eta[bad[0]]:g}, k={k[bad[0]]:g} at curve {bad[0]}",
-                "finite eta > 0 and k >= 0",
-                "Remove invalid indices.",
-            )
+        check_indices(eta, k, "curve")
         object.__setattr__(self, "eta", eta)
         object.__setattr__(self, "k", k)
 

@@ -187,6 +187,7 @@ class LobeTable:
     smith: Smith = "separable"
     distribution: Distribution = "ggx"
     metadata: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    _grid: AlbedoTable = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         grid = AlbedoTable(
@@ -244,8 +245,7 @@ class LobeTable:
         >>> lobe.density((-0.6, 0.0, 0.8)).shape
         (2,)
         """
-        grid: AlbedoTable = self.__dict__["_grid"]
-        found = grid.lookup(mu, alpha)
+        found = self._grid.lookup(mu, alpha)
         if is_drjit(mu, alpha):
             residual = tuple(found)
             mu, alpha = (0.0 * residual[0] + value for value in (mu, alpha))

@@ -23,7 +23,7 @@ from ._coefficients import check_terms, evaluated
 from ._version import __version__
 from .albedo import Quadrature, checked_quadrature, directional_albedo
 from .basis import Basis
-from .fast_curves import FastCurves, packets
+from .fast_curves import FastCurves, Packets, packets
 from .microfacet import DISTRIBUTIONS, SMITH, Distribution, Smith
 from .table_layout import Layout
 
@@ -73,6 +73,7 @@ class AlbedoTable:
     smith: Smith = "separable"
     distribution: Distribution = "ggx"
     metadata: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    _on_device: dict[type, Packets] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.layout, Layout):
@@ -257,12 +258,11 @@ class AlbedoTable:
         i = dr.minimum(index(dr.detach(column)), width - 2)
         j = dr.minimum(index(dr.detach(row)), self.layout.height - 2)
         x, y = column - kind(i), row - kind(j)
-        cache = self.__dict__.setdefault("_packets", {})
-        if kind not in cache:
-            cache[kind] = packets(kind, self.values.reshape(-1, self.terms))
+        if kind not in self._on_device:
+            self._on_device[kind] = packets(kind, self.values.reshape(-1, self.terms))
         texel = i + j * width
         corners = zip(
-            *(cache[kind].gather(texel + offset) for offset in (0, 1, width, width + 1)),
+            *(self._on_device[kind].gather(texel + offset) for offset in (0, 1, width, width + 1)),
             strict=True,
         )
         values = []
