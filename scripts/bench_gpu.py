@@ -61,8 +61,8 @@ from fresnel_decomp import __version__, doctor
 from fresnel_decomp._check import input_error
 from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import writable_folder, write_json
+from fresnel_decomp.bench.machine import graphics_card, processor, source_hash
 from fresnel_decomp.images import delta_e, display, nrmse
-from fresnel_decomp.machine import graphics_card, processor, source_hash
 from fresnel_decomp.report import style
 
 ROOT = Path(__file__).resolve().parents[1]

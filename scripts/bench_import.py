@@ -28,7 +28,7 @@ from rich.progress import Progress
 from _markdown import insert, markdown
 from fresnel_decomp._command import run_and_exit
 from fresnel_decomp._files import write_json
-from fresnel_decomp.machine import processor
+from fresnel_decomp.bench.machine import processor
 
 MARKS = ("<!-- import times -->\n", "<!-- end of import times -->\n")
 LIMIT_S = 0.3

@@ -57,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     from fresnel_decomp.mitsuba import register
 
     register()
-    from fresnel_decomp.machine import machine_facts
+    from fresnel_decomp.bench.machine import machine_facts
     from fresnel_decomp.mitsuba.timing import interleaved_times
 
     times = interleaved_times(kernels(options), options.rounds)

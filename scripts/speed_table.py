@@ -275,7 +275,7 @@ def _short(value: float) -> str:
 
 def about(options: argparse.Namespace) -> dict[str, Any]:
     """Machine, versions and settings."""
-    from fresnel_decomp.machine import machine_facts
+    from fresnel_decomp.bench.machine import machine_facts
     from fresnel_decomp.mitsuba.workloads import BERYLLIUM, UNROLL
 
     return {
@@ -292,7 +292,7 @@ def about(options: argparse.Namespace) -> dict[str, Any]:
 
 def describe(facts: dict[str, Any]) -> str:
     """One line on where and how the times were taken."""
-    from fresnel_decomp.machine import describe_machine
+    from fresnel_decomp.bench.machine import describe_machine
 
     return f"Medians of {facts['rounds']} runs in {describe_machine(facts)}."
 

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from . import irradiance as irradiance
     from . import ltc as ltc
     from . import ltc_fit as ltc_fit
-    from . import machine as machine
     from . import material as material
     from . import metallic as metallic
     from . import microfacet as microfacet
@@ -149,7 +148,6 @@ _SUBMODULES = {
     "inverse_fit",
     "irradiance",
     "ltc_fit",
-    "machine",
     "metallic",
     "microfacet",
     "mitsuba",
