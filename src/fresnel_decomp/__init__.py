@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     from ._check import InputError
     from .albedo import directional_albedo
     from .area_light import AreaLight, AreaMaterial, shade_area_light
-    from .basis import Basis, FitError, load_basis
+    from .basis import Basis, FitErrors, load_basis
     from .basis_table import BasisTable
     from .closed_form import ClosedForm
     from .colour import delta_e_2000, gamut_excess, linear_to_srgb, rgb_weights
@@ -96,7 +96,7 @@ _HOMES = {
     "_check": ["InputError"],
     "albedo": ["directional_albedo"],
     "area_light": ["AreaLight", "AreaMaterial", "shade_area_light"],
-    "basis": ["Basis", "FitError", "load_basis"],
+    "basis": ["Basis", "FitErrors", "load_basis"],
     "basis_table": ["BasisTable"],
     "closed_form": ["ClosedForm"],
     "colour": ["delta_e_2000", "gamut_excess", "linear_to_srgb", "rgb_weights"],
@@ -181,7 +181,7 @@ __all__ = [
     "Decomposition",
     "EnergyTable",
     "Exact",
-    "FitError",
+    "FitErrors",
     "Gulbrandsen",
     "InputError",
     "Lazanyi",

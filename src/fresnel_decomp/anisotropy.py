@@ -18,6 +18,7 @@ import numpy as np
 from ._array import ops_for
 from ._check import choose, input_error, is_whole
 from ._distributions import named_shape
+from ._lobe_rule import unit_gauss
 from .albedo import SMOOTH, Fresnel
 from .energy import missing
 from .fast_curves import FastCurves
@@ -214,11 +215,10 @@ def _nodes(low: float, high: float) -> np.ndarray:
 
 def _losses(values: np.ndarray) -> np.ndarray:
     """L, lambda_1, ... of a grid as it is interpolated."""
-    x, weight = np.polynomial.legendre.leggauss(4)
+    part, weight = unit_gauss(4)
     cells = ELEVATIONS - 1
-    part = 0.5 * (x + 1.0)
     root = (np.arange(cells)[:, None] + part) / cells
-    weight = 4.0 * root**3 * (0.5 * weight / cells)
+    weight = 4.0 * root**3 * (weight / cells)
     near, far = values[..., :-1, None, :], values[..., 1:, None, :]
     inside = near + (far - near) * part[:, None]
     # between two azimuths everything is linear: the trapezoidal rule, 1 in all

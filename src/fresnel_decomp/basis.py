@@ -34,7 +34,7 @@ from .curves import error_cosines
 from .fresnel import conductor
 from .recipes import RECIPES
 
-__all__ = ["Basis", "FitError", "load_basis"]
+__all__ = ["Basis", "FitErrors", "load_basis"]
 
 POOR_FIT_ERROR = {3: 0.23, 4: 0.12, 5: 0.12, 6: 0.12}
 """Largest error, by number of terms, above which a fit with eta < 1 is refused: what total internal
@@ -47,7 +47,7 @@ eta = 1, at grazing angles only, and the coefficients stay continuous across it.
 PoorFit = Literal["raise", "keep"]
 
 
-class FitError(NamedTuple):
+class FitErrors(NamedTuple):
     """Absolute error of fitted curves: arrays of the shape of the indices.
 
     max : over 4,150 angles, dense at grazing incidence (`curves.error_cosines`)
@@ -331,7 +331,7 @@ class Basis:
                 "poor_fit='substitute').",
             )
 
-    def error(self, eta: Any, k: Any) -> FitError:
+    def error(self, eta: Any, k: Any) -> FitErrors:
         """Error of the fit against the exact curve, for each index of refraction.
 
         Parameters
@@ -340,11 +340,11 @@ class Basis:
 
         Returns
         -------
-        FitError of arrays of shape (...)
+        FitErrors of arrays of shape (...)
         """
         return self._error(eta, k, *error_cosines())
 
-    def _error(self, eta: Any, k: Any, everywhere: np.ndarray, uniform: np.ndarray) -> FitError:
+    def _error(self, eta: Any, k: Any, everywhere: np.ndarray, uniform: np.ndarray) -> FitErrors:
         eta, k = np.broadcast_arrays(np.asarray(eta, np.float64), np.asarray(k, np.float64))
         uniform_count = len(uniform)  # `everywhere` starts with the uniform points
         functions = self(everywhere)
@@ -356,7 +356,7 @@ class Basis:
             fit = self.coefficients(e[:, 0], kk[:, 0], poor_fit="keep") @ functions.T
             rows.append(_summary(np.abs(fit - conductor(everywhere, e, kk)), uniform_count))
         maximum, mean, rmse = np.concatenate(rows, axis=1).reshape(3, *eta.shape)
-        return FitError(maximum, mean, rmse)
+        return FitErrors(maximum, mean, rmse)
 
     def fit(self, cos_theta: Any, reflectance: Any) -> np.ndarray:
         """Least-squares coefficients of sampled curves, c_1 = 1 - c_0 kept.

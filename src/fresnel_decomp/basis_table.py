@@ -9,9 +9,6 @@ angle needs more than the cosine.
 The derivative of a warped interpolant is infinite at cos_theta = 0, that of the functions is not.
 What is attached to Dr.Jit arrays is therefore the slope of the chord of each interval *in the
 cosine*: finite everywhere, and as accurate as a table of this size allows.
-
-`fast_curves.FastCurves` is the other tabulated basis, for the inner loops of integrals: one size,
-float64, any callable, and nothing clamped.
 """
 
 from __future__ import annotations

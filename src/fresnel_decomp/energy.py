@@ -41,6 +41,7 @@ import numpy as np
 from ._array import is_drjit, ops_for
 from ._check import input_error
 from ._coefficients import check_terms, weighted_sum
+from ._lobe_rule import unit_gauss
 from .albedo import average_fresnel
 from .microfacet import Distribution, Smith
 from .table import AlbedoTable
@@ -322,12 +323,12 @@ class EnergyTable:
 
 def _averaged(table: AlbedoTable, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(n,) averages of 1 - E and (n, terms) of (bbar_j / E)(1 - E), for (n,) roughnesses."""
-    x, weight = np.polynomial.legendre.leggauss(_NODES)
+    part, weight = unit_gauss(_NODES)
     # between nodes the table is linear in the default axis, sqrt(mu)
     edges = np.unique(np.concatenate([[0.0], np.sqrt(table.layout.mu), [1.0]]))
     step = np.diff(edges)[:, None]
-    root = (edges[:-1, None] + step * 0.5 * (x + 1.0)).ravel()
-    weight = (0.5 * step * weight).ravel() * 4.0 * root**3
+    root = (edges[:-1, None] + step * part).ravel()
+    weight = (step * weight).ravel() * 4.0 * root**3
     values = table.lookup((root * root)[:, None], alpha[None, :])
     white = values[..., 0]
     share = missing(white) / white
