@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from . import fast_curves as fast_curves
     from . import fresnel as fresnel
     from . import images as images
+    from . import inverse_curves as inverse_curves
     from . import inverse_fit as inverse_fit
     from . import irradiance as irradiance
     from . import ltc as ltc
@@ -145,6 +146,7 @@ _SUBMODULES = {
     "doctor",
     "fast_curves",
     "images",
+    "inverse_curves",
     "inverse_fit",
     "irradiance",
     "ltc_fit",
