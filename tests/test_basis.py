@@ -196,6 +196,17 @@ def test_own_training_set(rule, terms):
     np.testing.assert_allclose(basis(cos_theta)[:, 1:], extraction.functions(cos_theta), atol=1e-10)
 
 
+def test_curves_with_kinks_are_refused():
+    """Total internal reflection: Chebyshev series converge too slowly."""
+    eta = np.linspace(0.5, 0.95, 20)
+    with pytest.raises(InputError, match=r"have kinks .*0\.02.*total internal reflection"):
+        extract_basis(CurveSet("inside", eta, np.zeros(20)), 3)
+    near = CurveSet("near", 1.0 + np.geomspace(1e-9, 1e-2, 20), np.zeros(20))
+    basis, cos_theta = extract_basis(near, 3), np.linspace(0.0, 1.0, 999)
+    found = extract(near, 3).functions(cos_theta)
+    np.testing.assert_allclose(basis(cos_theta)[:, 1:], found, atol=1e-5)
+
+
 def test_closed_form_of_an_own_basis_is_fitted_on_first_use(monkeypatch):
     own = CurveSet("mine", np.linspace(1.3, 2.5, 30), np.linspace(0.0, 1.0, 30))
     basis = extract_basis(own, 3, grid=200)

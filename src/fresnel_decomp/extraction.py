@@ -17,14 +17,16 @@ from ._check import choose, input_error
 from ._coefficients import check_count
 from ._version import __version__
 from .basis import Basis
-from .closed_form import ClosedForm
 from .curves import CurveSet
 from .recipes import RECIPES
-from .regression import Regression, regress
+from .regression import regress
 from .regression_recipes import RegressionRecipe, training_for
 from .singular_vectors import SIGN_RULE, Rule, extract
 
 __all__ = ["extract_basis"]
+
+SERIES_ERROR = 1e-4
+"""What series of 1,024 terms may err by, for curves with n next to 1; as much as closed forms."""
 
 
 def extract_basis(
@@ -51,7 +53,7 @@ def extract_basis(
     Raises
     ------
     InputError
-        For an unknown recipe, and as `singular_vectors.extract`.
+        For an unknown recipe, curves with kinks, and as `singular_vectors.extract`.
 
     Examples
     --------
@@ -126,16 +128,16 @@ def _regressed(name: str, recipe: RegressionRecipe, terms: int) -> Basis:
         "bounds": dict(design.bounds),
         **_made(series, scipy=scipy.__version__),
     }
-    form = _with_error(regression, series)
+    # the rationals are exact: what they are off by from the series is its rounding
+    form = replace(regression.form, error=_series_error(regression.functions, series))
     return Basis(name, regression.nodes, series, provenance, form)
 
 
-def _with_error(regression: Regression, series: np.ndarray) -> ClosedForm:
-    """The rationals of a regression, and how far the series is from them: rounding."""
+def _series_error(functions: Callable[[np.ndarray], np.ndarray], series: np.ndarray) -> float:
+    """Largest distance between functions and their series, dense at grazing incidence."""
     cos_theta = np.linspace(0.0, 1.0, 1501) ** 2
     values = np.polynomial.chebyshev.chebval(2.0 * cos_theta - 1.0, series.T).T
-    error = float(np.abs(regression.functions(cos_theta) - values).max())
-    return replace(regression.form, error=error)
+    return float(np.abs(functions(cos_theta) - values).max())
 
 
 def _made(series: np.ndarray, **versions: str) -> dict[str, Any]:
@@ -160,4 +162,12 @@ def _chebyshev(
         significant = np.flatnonzero(np.abs(series).max(axis=0) > tolerance)
         if significant[-1] < size - 8:
             return series[:, : significant[-1] + 1]
+    error = _series_error(functions, series)
+    if error > SERIES_ERROR:
+        raise input_error(
+            f"a training set whose functions have kinks (their series errs by {error:.2g})",
+            "curves that are smooth on [0, 1]",
+            "Leave out eta < 1 with little absorption, whose total internal reflection no linear "
+            "basis follows.",
+        )
     return series
