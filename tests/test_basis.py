@@ -414,6 +414,13 @@ def test_bad_input():
             basis.coefficients(eta, k)
         with pytest.raises(InputError, match=r"at index \(1, 0\);"):
             basis.coefficients(np.array([[1.5], [eta]]), np.array([[0.0], [k]]))
+        with pytest.raises(InputError, match="finite eta > 0"):
+            basis.poor_fit(eta, k)
+    with pytest.raises(InputError, match=r"f_nodes of shapes \(3,\) and \(2, 2\)"):
+        basis.coefficients_from_reflectance(np.zeros(3), np.zeros((2, 2)))
+    for samples in ((np.full(9, np.nan), np.ones(9)), (np.linspace(0, 1, 9), np.full(9, np.inf))):
+        with pytest.raises(InputError, match="samples that are not finite"):
+            basis.fit(*samples)
     with pytest.raises(InputError, match=r"eta and k of shapes \(3,\), \(2,\)"):
         basis.coefficients(np.ones(3), np.ones(2))
     with pytest.raises(InputError, match="complex128"):

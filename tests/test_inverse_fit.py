@@ -76,6 +76,18 @@ def test_too_few_data() -> None:
         least_squares(J, np.zeros((2, 1)), np.ones(1), np.ones(1), np.zeros(2))
 
 
+@pytest.mark.parametrize("wrong", range(5))
+def test_data_must_be_finite(wrong: int) -> None:
+    given = [np.ones((2, 5, 1)), np.zeros((2, 5)), np.ones(5), np.ones(5), np.zeros(1)]
+    given[wrong].flat[0] = np.nan
+    with pytest.raises(InputError, match="data that are not finite"):
+        least_squares(*given)
+    given[wrong].flat[0] = 1.0
+    given[3] = -np.ones(5)
+    with pytest.raises(InputError, match="a weight of -1"):
+        least_squares(*given)
+
+
 @pytest.mark.parametrize("wrong", [2, 3])
 def test_shapes_must_fit(wrong: int) -> None:
     """Each of target and weight by itself."""

@@ -127,3 +127,5 @@ def test_bad_input() -> None:
         fit_metal_edge([0.0, 0.5, 1.0], curves)
     with pytest.raises(InputError, match=r"\(3, curves\)"):
         fit_metal_edge([0.0, F82_COSINE, 1.0], curves[:, :1])
+    with pytest.raises(InputError, match="not finite"):
+        fit_metal_edge([0.0, F82_COSINE, 1.0], np.nan * curves)

@@ -229,7 +229,7 @@ class Basis:
         Raises
         ------
         InputError
-            If the number of node reflectances is not terms - 2.
+            If the number of node reflectances is not terms - 2, or shapes do not broadcast.
         """
         inverse, b1 = self._projection
         if is_drjit(f0, *(f_nodes if isinstance(f_nodes, list | tuple) else [f_nodes])):
@@ -242,6 +242,14 @@ class Basis:
         f0 = np.asarray(f0, np.float64)
         f_nodes = np.asarray(f_nodes, np.float64)
         self._check_node_count(f_nodes.shape[-1] if f_nodes.ndim else 0)
+        try:
+            np.broadcast_shapes(f0.shape, f_nodes.shape[:-1])
+        except ValueError:
+            raise input_error(
+                f"f0 and f_nodes of shapes {f0.shape} and {f_nodes.shape}",
+                "(...) and (..., terms - 2)",
+                "Nodes are on the last axis.",
+            ) from None
         residual = f_nodes - f0[..., None] - (1.0 - f0[..., None]) * b1
         ends = np.stack([f0, 1.0 - f0], axis=-1)
         interior = residual @ inverse.T
@@ -307,8 +315,14 @@ class Basis:
         Returns
         -------
         (...) bool: eta < below, and either k = 0 or a largest error above `POOR_FIT_ERROR`
+
+        Raises
+        ------
+        InputError
+            For indices out of range.
         """
         eta, k = np.broadcast_arrays(np.asarray(eta, np.float64), np.asarray(k, np.float64))
+        check_indices(eta, k)
         poor = np.asarray((eta < below) & (k == 0.0))
         unsure = (eta < below) & (k > 0.0)
         if np.any(unsure):
@@ -373,7 +387,7 @@ class Basis:
         Raises
         ------
         InputError
-            If the shapes do not match or there are too few samples.
+            If the shapes do not match, samples are not finite, or there are too few of them.
         """
         cos_theta = np.asarray(cos_theta, np.float64)
         reflectance = np.asarray(reflectance, np.float64)
@@ -382,6 +396,10 @@ class Basis:
                 f"cosines of shape {cos_theta.shape}, reflectances of shape {reflectance.shape}",
                 "(m,) and (..., m)",
                 "Sample every curve at the same angles.",
+            )
+        if not (np.isfinite(cos_theta).all() and np.isfinite(reflectance).all()):
+            raise input_error(
+                "samples that are not finite", "finite cosines and reflectances", "Drop the others."
             )
         if len(cos_theta) < self.terms - 1:
             raise input_error(

@@ -108,7 +108,8 @@ def least_squares(
     Raises
     ------
     InputError
-        For shapes that do not fit, fewer data than unknowns, and infeasible inequalities.
+        For shapes that do not fit, data that are not finite, negative weights, fewer data than
+        unknowns, and infeasible inequalities.
 
     Examples
     --------
@@ -129,6 +130,13 @@ def least_squares(
             f"arrays of shapes {J.shape}, {o.shape}, {y.shape}, {w.shape}",
             "(2, m, n), (2, m), (m,), (m,)",
             "Give two renderings of the derivative.",
+        )
+    finite = all(np.isfinite(array).all() for array in (J, o, y, w, x0))
+    if not finite or (w < 0.0).any():
+        raise input_error(
+            "data that are not finite" if not finite else f"a weight of {w.min():g}",
+            "finite numbers, and weights >= 0",
+            "Give what is to be left out a weight of 0 and finite values.",
         )
     if np.count_nonzero(w) < n:
         raise input_error(

@@ -109,7 +109,7 @@ def fit_metal_edge(cos_theta: Any, reflectance: Any) -> MetalEdge:
     Raises
     ------
     InputError
-        If the cosines are not as said, or fewer than two curves are given.
+        If the cosines are not as said, fewer than two curves are given, or some are not finite.
     """
     cos_theta, curves = np.asarray(cos_theta, np.float64), np.asarray(reflectance, np.float64)
     at = np.flatnonzero(np.isclose(cos_theta, F82_COSINE, rtol=0.0, atol=1e-12))
@@ -126,6 +126,8 @@ def fit_metal_edge(cos_theta: Any, reflectance: Any) -> MetalEdge:
             f"({len(cos_theta)}, curves) with at least two curves",
             "One column for each channel of each metal.",
         )
+    if not np.isfinite(curves).all():
+        raise input_error("reflectances that are not finite", "finite ones", "Drop the others.")
     absorbed = 1.0 - curves
     f0, (first, edge) = curves[-1], absorbed[[-1, int(at[0])]]
     powers = np.stack([first * f0, first * f0**2], axis=1)
