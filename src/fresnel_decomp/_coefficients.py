@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ._array import is_drjit, one_kind
+from ._arguments import one_kind
+from ._array import is_drjit
 from ._check import input_error, is_whole
 
 __all__ = ["TERMS", "check_count", "check_terms", "evaluated", "weighted_sum"]

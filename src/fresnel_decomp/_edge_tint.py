@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ._array import detached, drjit_module, is_drjit, is_recording, without_axes
+from ._arguments import without_axes
+from ._array import detached, drjit_module, is_drjit, is_recording
 from ._check import input_error
 from .fresnel import conductor
 from .parametrization import F82_COSINE, gulbrandsen_to_ior

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ._array import Ops, drjit_module, is_drjit, one_kind
+from ._arguments import one_kind
+from ._array import Ops, drjit_module, is_drjit
 from ._check import InputError, input_error
 
 __all__ = [

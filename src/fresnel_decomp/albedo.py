@@ -28,18 +28,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ._array import (
-    DrJitOps,
-    drjit_constant,
-    drjit_module,
-    floating_type,
-    is_drjit,
-    numpy_arguments,
-    ops_for,
-    plain_numbers,
-    real_arguments,
-    without_axes,
-)
+from ._arguments import floating_type, numpy_arguments, plain_numbers, real_arguments, without_axes
+from ._array import DrJitOps, drjit_constant, drjit_module, is_drjit, ops_for
 from ._check import choose, input_error, is_whole
 from ._distributions import Shape, named_shape
 from ._lobe_rule import (

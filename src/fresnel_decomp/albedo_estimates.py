@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ._array import numpy_arguments
+from ._arguments import numpy_arguments
 from ._check import input_error, is_whole
 from .albedo import ROUGHEST, Fresnel
 from .microfacet import Distribution, Smith, reflect, sample_visible_normal, shadowing

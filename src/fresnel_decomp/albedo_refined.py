@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ._array import numpy_arguments
+from ._arguments import numpy_arguments
 from ._check import input_error
 from .albedo import (
     MOST_NODES,

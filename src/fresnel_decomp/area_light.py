@@ -37,7 +37,8 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ._array import Ops, floating_type, is_drjit, one_kind, ops_for
+from ._arguments import floating_type, one_kind
+from ._array import Ops, is_drjit, ops_for
 from ._check import choose, input_error
 from ._vectors import Vector, as_triple, cross, dot, of_kind, perpendicular
 from .irradiance import ellipse_irradiance, polygon_irradiance

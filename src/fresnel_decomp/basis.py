@@ -15,16 +15,8 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ._array import (
-    check_indices,
-    detached,
-    drjit_module,
-    is_drjit,
-    one_kind,
-    ops_for,
-    read_only,
-    real_arrays,
-)
+from ._arguments import check_indices, one_kind, real_arrays
+from ._array import detached, drjit_module, is_drjit, ops_for, read_only
 from ._check import choose, input_error
 from ._coefficients import check_count, check_terms, evaluated, weighted_sum
 from ._files import write_json

@@ -19,7 +19,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ._array import drjit_constant, drjit_module, is_drjit, one_kind, read_only
+from ._arguments import one_kind
+from ._array import drjit_constant, drjit_module, is_drjit, read_only
 from ._check import choose, input_error
 from ._coefficients import check_terms, weighted_sum
 

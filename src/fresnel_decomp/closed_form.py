@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from ._array import is_drjit, multiply_add, one_kind, polynomial, read_only
+from ._arguments import one_kind
+from ._array import is_drjit, multiply_add, polynomial, read_only
 from ._check import input_error
 from ._coefficients import check_terms
 

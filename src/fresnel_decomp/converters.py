@@ -26,7 +26,8 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ._array import detached, drjit_module, is_drjit, is_recording, ops_for, without_axes
+from ._arguments import without_axes
+from ._array import detached, drjit_module, is_drjit, is_recording, ops_for
 from ._check import choose, input_error, is_real
 from ._edge_tint import TOLERANCE, edge_tint
 from ._schlick import schlick

@@ -34,18 +34,8 @@ from typing import Any, Literal
 import numpy as np
 
 from . import _equations
-from ._array import (
-    DrJitOps,
-    NumPyOps,
-    Ops,
-    drjit_module,
-    floating_type,
-    one_kind,
-    ops_for,
-    plain_numbers,
-    real_arrays,
-    without_axes,
-)
+from ._arguments import floating_type, one_kind, plain_numbers, real_arrays, without_axes
+from ._array import DrJitOps, NumPyOps, Ops, drjit_module, ops_for
 from ._check import choose, input_error
 
 __all__ = [

@@ -28,7 +28,8 @@ from typing import Any
 
 import numpy as np
 
-from ._array import is_drjit, multiply_add, one_kind, ops_for
+from ._arguments import one_kind
+from ._array import is_drjit, multiply_add, ops_for
 from ._check import input_error
 from .basis import Basis
 from .parametrization import F82_COSINE

@@ -29,7 +29,8 @@ from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 
-from ._array import Ops, floating_type, is_drjit, one_kind, ops_for, plain_numbers, without_axes
+from ._arguments import floating_type, one_kind, plain_numbers, without_axes
+from ._array import Ops, is_drjit, ops_for
 from ._check import choose
 from ._distributions import SHAPES, Shape, named_shape
 from ._vectors import Vector

@@ -13,7 +13,8 @@ from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
-from ._array import drjit_module, is_drjit, one_kind, ops_for, plain_numbers, without_axes
+from ._arguments import one_kind, plain_numbers, without_axes
+from ._array import drjit_module, is_drjit, ops_for
 from ._check import choose, input_error
 from ._schlick import bend_factor, bent_schlick, schlick
 from .basis import Basis, load_basis

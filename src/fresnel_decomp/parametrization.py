@@ -10,16 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ._array import (
-    NumPyOps,
-    floating_type,
-    is_drjit,
-    one_kind,
-    ops_for,
-    plain_numbers,
-    real_arrays,
-    without_axes,
-)
+from ._arguments import floating_type, one_kind, plain_numbers, real_arrays, without_axes
+from ._array import NumPyOps, is_drjit, ops_for
 from ._check import input_error
 from .fresnel import conductor
 

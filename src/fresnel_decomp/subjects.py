@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ._array import check_indices
+from ._arguments import check_indices
 from ._check import input_error
 from .material import Material
 from .parametrization import gulbrandsen_to_ior

@@ -17,7 +17,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ._array import drjit_constant, drjit_module, floating_type, is_drjit, real_arguments
+from ._arguments import floating_type, real_arguments
+from ._array import drjit_constant, drjit_module, is_drjit
 from ._check import choose, input_error, is_whole
 from ._coefficients import check_terms, evaluated
 from ._version import __version__
