@@ -23,7 +23,7 @@ from fresnel_decomp._schlick import schlick
 from fresnel_decomp.converters import LARGEST_R
 from fresnel_decomp.fresnel import dielectric
 from fresnel_decomp.images import compare, write_exr
-from fresnel_decomp.metallic import default_edge_color, dielectric_eta, metal_coefficients
+from fresnel_decomp.metallic import default_edge_colour, dielectric_eta, metal_coefficients
 from fresnel_decomp.parametrization import F82_COSINE
 
 COSINES = np.sin(np.radians(np.linspace(0.0, 90.0, 181)))
@@ -55,7 +55,7 @@ def exact_metal(name: str) -> tuple[Array, Array, Array, Array]:
 def metal_curves(base: Array, edge: Array, nodes: Array) -> dict[str, Array]:
     """What the plugin makes of a metal, by its Fresnel term and what it is told of the edge."""
     basis, cosines = load_basis(), COSINES[:, None]
-    usual = default_edge_color(base)
+    usual = default_edge_colour(base)
     at_nodes = basis.coefficients_from_reflectance(base, nodes.T)
     return {
         "decomposition": basis.evaluate(metal_coefficients(base, usual, basis), cosines),
@@ -140,13 +140,13 @@ def mixing_errors() -> dict[str, dict[str, float]]:
     ways: dict[str, Callable[[Array], Array]] = {
         "index, k = 0": lambda f0: Gulbrandsen(np.minimum(f0, LARGEST_R), 0.0)(cosines),
         "usual edge": lambda f0: basis.evaluate(
-            metal_coefficients(f0, default_edge_color(f0), basis), cosines
+            metal_coefficients(f0, default_edge_colour(f0), basis), cosines
         ),
         "Schlick": lambda f0: schlick(f0, cosines),
     }
     for label, name in {"copper": "Cu", "aluminium": "Al"}.items():
         _, base, _, _ = exact_metal(name)
-        c_metal = metal_coefficients(base, default_edge_color(base), basis)
+        c_metal = metal_coefficients(base, default_edge_colour(base), basis)
         for way, curve in ways.items():
             row = {}
             for metallic in METALLIC:

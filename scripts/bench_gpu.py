@@ -59,8 +59,8 @@ from _screen_report import CLAIM, EXPOSURE, draw, report
 from fresnel_decomp import __version__, doctor
 from fresnel_decomp._check import input_error
 from fresnel_decomp._files import writable_folder, write_json
+from fresnel_decomp.bench.machine import graphics_card, processor, source_hash
 from fresnel_decomp.images import delta_e, nrmse
-from fresnel_decomp.machine import graphics_card, processor, source_hash
 
 OUT = ROOT / "out" / "bench_gpu"
 MARKS = {kind: marks(f"full-screen pass, {kind}") for kind in ("cuda", "llvm")}

@@ -28,7 +28,7 @@ from _command_line import json_option, main, page_option, script
 from _markdown import insert, markdown, marks
 from fresnel_decomp._files import write_json
 from fresnel_decomp._spread import median_and_spread
-from fresnel_decomp.machine import processor
+from fresnel_decomp.bench.machine import processor
 
 MARKS = marks("import times")
 LIMIT_S = 0.3

@@ -74,7 +74,7 @@ def bench(out: Path | None, **given: Any) -> None:
     from fresnel_decomp.mitsuba import register
 
     register()
-    from fresnel_decomp.machine import machine_facts
+    from fresnel_decomp.bench.machine import machine_facts
     from fresnel_decomp.mitsuba.timing import interleaved_times
 
     times = interleaved_times(kernels(settings), settings.rounds)

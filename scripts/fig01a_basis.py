@@ -17,9 +17,9 @@ from _figure import Figure, Job, read_sidecar, read_table, write_table
 from _figure_commands import commands, main
 from _page import GREY, Page
 from fresnel_decomp import RECIPES, load_basis
-from fresnel_decomp.extraction import extract
 from fresnel_decomp.report import style
 from fresnel_decomp.report.basis import FUNCTION_COLOURS
+from fresnel_decomp.singular_vectors import extract
 
 NAME = "fig01a_basis"
 SHOWN = ("talk", "notebook")

@@ -102,9 +102,9 @@ WAYS: dict[str, tuple[str, Way]] = {
     "index, g = 1": ("base colour", gulbrandsen(1.0)),
     "linear tint, β = 0.25": ("base colour", linear_tint(0.25)),
     "linear tint, β = 0.75": ("base colour", linear_tint(0.75)),
-    "usual edge, F82": ("base colour", lambda b, e, n, f: F82(b, f.edge_color(b))(
+    "usual edge, F82": ("base colour", lambda b, e, n, f: F82(b, f.edge_colour(b))(
         COSINES[:, None])),
-    "usual edge, 4 terms": ("base colour", lambda b, e, n, f: through(b, f.edge_color(b), f)),
+    "usual edge, 4 terms": ("base colour", lambda b, e, n, f: through(b, f.edge_colour(b), f)),
     "F82": ("and edge colour", lambda b, e, n, f: F82(b, e)(COSINES[:, None])),
     "4 terms through both": ("and edge colour", lambda b, e, n, f: through(b, e, f)),
     "4 terms through nodes": ("and node colours", by_nodes),
@@ -197,7 +197,7 @@ def range_table() -> str:
         c = basis.coefficients_from_reflectance(f0, np.stack(exact[1:], axis=-1))
         return {"four terms": basis.evaluate(c, cosines), "f82": F82(f0, exact[0])(cosines)}
 
-    usual = shipped.default_edge_color(steps)
+    usual = shipped.default_edge_colour(steps)
     near, far = np.geomspace(1e-12, 2e-3, 60), np.linspace(2e-3, 0.99, 200)
     rows: dict[str, dict[str, Array]] = {
         "metals, usual edge": {"four terms": four(steps, usual), "f82": f82(steps, usual)},
@@ -230,7 +230,7 @@ def colour_table() -> str:
 def tables() -> dict[str, str]:
     """What the page shows, by the names of its marks."""
     edge = shipped.load_metal_edge()
-    black = 1.0 - edge.edge_color(0.0)
+    black = 1.0 - edge.edge_colour(0.0)
     least = min(float(colours(name)[0][-1].min()) for name in METALS)
     usual = (
         f"Over {len(METALS)} metals, whose darkest channel is {least:.2f}; the usual edge colour "

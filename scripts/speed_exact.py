@@ -311,7 +311,7 @@ def speed(threads: int | None, page: Path | None, out: Path | None, **given: Any
     mi.set_variant(settings.variant)
     if threads:
         dr.set_thread_count(threads)
-    from fresnel_decomp.machine import describe_machine
+    from fresnel_decomp.bench.machine import describe_machine
     from fresnel_decomp.mitsuba.timing import interleaved_times
 
     families = functions()
@@ -348,7 +348,7 @@ def speed(threads: int | None, page: Path | None, out: Path | None, **given: Any
 
 def about(settings: Settings) -> dict[str, Any]:
     """Machine, versions and settings."""
-    from fresnel_decomp.machine import machine_facts
+    from fresnel_decomp.bench.machine import machine_facts
     from fresnel_decomp.mitsuba.workloads import UNROLL
 
     return {

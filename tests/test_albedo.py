@@ -229,7 +229,7 @@ def test_bad_input():
         monte_carlo_albedo(white, 0.5, 0.5, 1)
 
 
-NOT_REAL = ["rough", None, 0.5 + 0.1j, np.array([1j]), [[0.1], [0.1, 0.2]], "0.5"]
+NOT_REAL = ["rough", None, True, 0.5 + 0.1j, np.array([1j]), [[0.1], [0.1, 0.2]], "0.5"]
 
 
 @pytest.mark.parametrize("wrong", NOT_REAL, ids=repr)

@@ -334,7 +334,7 @@ def test_input_that_is_refused(gold: AreaMaterial) -> None:
         shade_area_light(light, load_lobes(), bare, *place, 0.3, "plain")
     with pytest.raises(InputError, match="3 channels with 4 terms"):
         AreaMaterial.from_table(AlbedoTable.bake(load_basis(), 4), np.ones((3, 3)))
-    with pytest.raises(ValueError, match="two planes at most"):
+    with pytest.raises(InputError, match="3 planes; accepted: two at most"):
         ellipse_irradiance((0, 0, 1), (1, 0, 0), (0, 1, 0), [(0, 0, 1)] * 3)
 
 

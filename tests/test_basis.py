@@ -23,7 +23,8 @@ from fresnel_decomp import (
     load_basis,
 )
 from fresnel_decomp.curves import talk_training_set
-from fresnel_decomp.extraction import RECIPES, SVD_RECIPES, extract
+from fresnel_decomp.recipes import RECIPES, SVD_RECIPES
+from fresnel_decomp.singular_vectors import extract
 from oracles import central_difference, textbook
 
 SHIPPED = [(recipe, terms) for recipe in RECIPES for terms in (3, 4, 5, 6)]
@@ -147,6 +148,34 @@ def test_json_round_trip():
     assert again.closed_form.error == basis.closed_form.error
 
 
+def test_parts_that_do_not_belong_together():
+    whole = load_basis().to_json()
+    for name, wrong in (
+        ("nodes", whole["nodes"][:1]),
+        ("nodes", [1.2, 1.6]),
+        ("nodes", [1.2, float("nan")]),
+        ("series", whole["series"][:2]),
+        ("series", [[float("inf")] * 4] * 3),
+        ("closed_form", load_basis(terms=5).to_json()["closed_form"]),
+    ):
+        with pytest.raises(InputError, match=r"accepted: .*(as many terms|finite series)"):
+            Basis.from_json({**whole, name: wrong})
+
+
+def test_files(tmp_path):
+    path = tmp_path / "mine.json"
+    load_basis(terms=5).save(path)
+    assert load_basis(path).terms == load_basis(str(path), 5).terms == 5
+    with pytest.raises(InputError, match=r"terms=4.*accepted: 5, which the file has"):
+        load_basis(path, 4)
+    for text in ("", "{}", "[]", json.dumps({**load_basis().to_json(), "nodes": [1.2]})):
+        path.write_text(text)
+        with pytest.raises(InputError, match="cannot load a basis from"):
+            load_basis(path)
+    with pytest.raises(InputError, match=r"ending in \.json"):
+        load_basis().save(tmp_path / "mine.txt")
+
+
 # --- a user's own training set ----------------------------------------------------------------
 
 
@@ -165,6 +194,17 @@ def test_own_training_set(rule, terms):
     extraction = extract(own, terms, rule, grid=300)
     cos_theta = np.linspace(0.0, 1.0, 200)
     np.testing.assert_allclose(basis(cos_theta)[:, 1:], extraction.functions(cos_theta), atol=1e-10)
+
+
+def test_curves_with_kinks_are_refused():
+    """Total internal reflection: Chebyshev series converge too slowly."""
+    eta = np.linspace(0.5, 0.95, 20)
+    with pytest.raises(InputError, match=r"have kinks .*0\.02.*total internal reflection"):
+        extract_basis(CurveSet("inside", eta, np.zeros(20)), 3)
+    near = CurveSet("near", 1.0 + np.geomspace(1e-9, 1e-2, 20), np.zeros(20))
+    basis, cos_theta = extract_basis(near, 3), np.linspace(0.0, 1.0, 999)
+    found = extract(near, 3).functions(cos_theta)
+    np.testing.assert_allclose(basis(cos_theta)[:, 1:], found, atol=1e-5)
 
 
 def test_closed_form_of_an_own_basis_is_fitted_on_first_use(monkeypatch):
@@ -374,7 +414,14 @@ def test_bad_input():
             basis.coefficients(eta, k)
         with pytest.raises(InputError, match=r"at index \(1, 0\);"):
             basis.coefficients(np.array([[1.5], [eta]]), np.array([[0.0], [k]]))
-    with pytest.raises(InputError, match=r"eta, k of shapes \(3,\), \(2,\)"):
+        with pytest.raises(InputError, match="finite eta > 0"):
+            basis.poor_fit(eta, k)
+    with pytest.raises(InputError, match=r"f_nodes of shapes \(3,\) and \(2, 2\)"):
+        basis.coefficients_from_reflectance(np.zeros(3), np.zeros((2, 2)))
+    for samples in ((np.full(9, np.nan), np.ones(9)), (np.linspace(0, 1, 9), np.full(9, np.inf))):
+        with pytest.raises(InputError, match="samples that are not finite"):
+            basis.fit(*samples)
+    with pytest.raises(InputError, match=r"eta and k of shapes \(3,\), \(2,\)"):
         basis.coefficients(np.ones(3), np.ones(2))
     with pytest.raises(InputError, match="complex128"):
         basis.coefficients(np.array([1.5 + 0.1j]), 0.0)
@@ -512,6 +559,27 @@ def test_gradients(backend, mode):
                 dr.backward(result)
                 found = np.array(dr.grad(jit[i]))
             np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("backend", AD_BACKENDS)
+def test_gradients_at_the_ends(backend):
+    """Of the functions: one-sided slopes, none beyond; a NaN stays one."""
+    import drjit as dr
+
+    basis = load_basis()
+    at = np.array([0.0, 1.0, -0.5, 1.5, np.nan])
+    cos_theta = float_type(backend, "float64")(at)
+    dr.enable_grad(cos_theta)
+    functions = basis(cos_theta)[1:]
+    step = 1e-6
+    low, high = ((basis(c + step)[1:] - basis(c)[1:]) / step for c in (0.0, 1.0 - step))
+    dr.set_grad(cos_theta, 1.0)
+    dr.enqueue(dr.ADMode.Forward, cos_theta)
+    dr.traverse(dr.ADMode.Forward)
+    for j, function in enumerate(functions):
+        found = np.array(dr.grad(function))
+        np.testing.assert_allclose(found[:4], [low[j], high[j], 0.0, 0.0], atol=1e-3)
+        assert np.isnan(np.array(dr.detach(function))[4])
 
 
 @pytest.mark.parametrize("backend", AD_BACKENDS)

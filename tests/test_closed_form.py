@@ -8,7 +8,7 @@ import pytest
 from backends import BACKENDS, float_type
 from fresnel_decomp import ClosedForm, InputError, load_basis
 from fresnel_decomp.closed_form import fit_closed_form
-from fresnel_decomp.extraction import RECIPES
+from fresnel_decomp.recipes import RECIPES
 
 SHIPPED = [(recipe, terms) for recipe in RECIPES for terms in (3, 4, 5, 6)]
 DENSE = np.concatenate([np.linspace(0.0, 1.0, 20001), np.geomspace(1e-9, 1.0, 5001)])

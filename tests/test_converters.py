@@ -102,8 +102,10 @@ def test_metallic():
     np.testing.assert_allclose(free.value.f0, [0.1, 0.3], rtol=1e-14)
     np.testing.assert_allclose(free.value.base_colour, [0.16, 0.56], rtol=1e-14)
     assert free.loss.max.max() < 1e-15
-    with pytest.raises(InputError, match=r"metallic=0; accepted: a number in \(0, 1\]"):
+    with pytest.raises(InputError, match=r"metallic=0\.0; accepted: a number in \(0, 1\]"):
         convert(METAL, "metallic_base", metallic=0.0)
+    with pytest.raises(InputError, match=r"metallic=array"):
+        convert(METAL, "metallic_base", metallic=np.array([0.5, 1.0]))
 
 
 def test_round_trips_that_lose_nothing():

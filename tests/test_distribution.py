@@ -24,7 +24,7 @@ PROGRAM = """
 import json, math, sys
 import numpy as np
 import fresnel_decomp as fd
-from fresnel_decomp.extraction import RECIPES
+from fresnel_decomp.recipes import RECIPES
 
 loaded = {f"{r}-{n}": fd.load_basis(r, n).terms for r in RECIPES for n in (3, 4, 5, 6)}
 basis = fd.load_basis()

@@ -259,6 +259,16 @@ def test_two_roughnesses_by_another_estimator():
     assert abs(found - weight.mean()) < 4.0 * error + 1e-3
 
 
+def test_views_of_two_roughnesses_that_are_no_such():
+    up, alpha = np.array([[0.0, 0.0, 1.0]]), np.array([0.3])
+    with pytest.raises(InputError, match="samples=100; accepted: a power of 2"):
+        anisotropic_albedo(white, up, alpha, alpha, samples=100)
+    with pytest.raises(InputError, match=r"of shapes \(1, 3\), \(2,\), \(1,\)"):
+        anisotropic_albedo(white, up, np.full(2, 0.3), alpha)
+    with pytest.raises(InputError, match="smith='seperable'"):
+        anisotropic_albedo(white, up, alpha, alpha, smith="seperable")
+
+
 def test_a_grid_spans_what_is_asked_for():
     grid = AnisotropicGrid.bake(white, (0.1, 0.1), (0.2, 0.4))
     assert grid.values.shape[:2] == (2, 5)

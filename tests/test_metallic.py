@@ -11,7 +11,7 @@ import pytest
 from backends import float_type
 from fresnel_decomp import InputError, dielectric, load_basis, load_material
 from fresnel_decomp.metallic import (
-    default_edge_color,
+    default_edge_colour,
     dielectric_eta,
     fit_metal_edge,
     load_metal_edge,
@@ -44,7 +44,7 @@ def test_curves_pass_through_both_colours() -> None:
 def test_usual_edges_are_brighter_for_brighter_metals() -> None:
     """Also where none was fitted: from Schlick's edge of a black one to that of a mirror."""
     base = np.linspace(0.0, 1.0, 201)
-    edge = default_edge_color(base)
+    edge = default_edge_colour(base)
     assert edge[0] == pytest.approx((6.0 / 7.0) ** 5)
     assert edge[-1] == 1.0
     assert np.all(np.diff(edge) > 0.0)
@@ -65,8 +65,8 @@ def test_drjit_agrees_with_numpy(backend: str) -> None:
     base, edge = [0.0, 0.3, 1.0], [0.2, 0.5, 1.0]
     got = np.array([np.array(c) for c in metal_coefficients(kind(base), kind(edge), basis)])
     np.testing.assert_allclose(got.T, metal_coefficients(base, edge, basis), atol=1e-6)
-    usual = np.array(default_edge_color(kind(base)))
-    np.testing.assert_allclose(usual, default_edge_color(np.array(base)), atol=1e-6)
+    usual = np.array(default_edge_colour(kind(base)))
+    np.testing.assert_allclose(usual, default_edge_colour(np.array(base)), atol=1e-6)
     eta = np.array(dielectric_eta(kind([0.0, 0.04, 0.5])))
     np.testing.assert_allclose(eta, dielectric_eta(np.array([0.0, 0.04, 0.5])), rtol=1e-6)
 
@@ -75,6 +75,7 @@ def test_dielectrics_keep_their_reflectance() -> None:
     f0 = np.array([0.0, 1e-9, 0.02, 0.04, 0.08, 0.5, 0.99])
     np.testing.assert_allclose(dielectric(1.0, dielectric_eta(f0)), f0, rtol=1e-9, atol=1e-12)
     assert dielectric_eta(0.04) == pytest.approx(1.5, rel=1e-12)
+    assert np.isnan(dielectric_eta(np.nan))
 
 
 def test_derivative_of_the_index_is_finite_at_zero() -> None:
@@ -126,3 +127,5 @@ def test_bad_input() -> None:
         fit_metal_edge([0.0, 0.5, 1.0], curves)
     with pytest.raises(InputError, match=r"\(3, curves\)"):
         fit_metal_edge([0.0, F82_COSINE, 1.0], curves[:, :1])
+    with pytest.raises(InputError, match="not finite"):
+        fit_metal_edge([0.0, F82_COSINE, 1.0], np.nan * curves)

@@ -221,7 +221,7 @@ def test_bad_input():
     for eta, k in ((0.0, 1.0), (1.5, -1.0), (np.nan, 0.0)):
         with pytest.raises(InputError, match="accepted"):
             ior_to_gulbrandsen(eta, k)
-    with pytest.raises(InputError, match="r, g of shapes"):
+    with pytest.raises(InputError, match="r and g of shapes"):
         gulbrandsen_to_ior(np.zeros(2), np.zeros(3))
     with pytest.raises(InputError, match="real numbers"):
         gulbrandsen_to_ior(np.zeros(2, complex), np.zeros(2))

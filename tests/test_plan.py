@@ -115,7 +115,7 @@ def test_tighter_bounds_cost_more():
 
 def test_nothing_is_left_out_for_the_cheapest():
     """Brute force over all shipped bases finds no cheaper one that keeps the bound."""
-    from fresnel_decomp.extraction import RECIPES
+    from fresnel_decomp.recipes import RECIPES
 
     surface, bound = Surface("gold", *GOLD), 0.004
     plan = plan_surfaces([surface], bound, own_basis=False)
@@ -226,5 +226,10 @@ def test_bad_input(arguments, options, message):
         Surface("x", [1.5], [0.0], None, -1.0)
     with pytest.raises(InputError, match="eta=-1"):
         Surface("x", [-1.0], [0.0])
+    for wavelength in ([500.0], [500.0, 400.0], [400.0, float("nan")]):
+        with pytest.raises(InputError, match="2 ascending wavelengths"):
+            Surface("x", [1.5, 1.4], [0.0, 0.0], wavelength_nm=wavelength)
+    with pytest.raises(InputError, match="2 channels"):
+        predicted_error(Surface("x", [1.5, 1.4], [0.0, 0.0]), Schlick(0.04), "delta-e")
     with pytest.raises(InputError, match="without a basis"):
         operations("decomposition", 3)

@@ -11,7 +11,7 @@ import pytest
 
 from fresnel_decomp import AlbedoTable, InputError, directional_albedo, load_basis, models
 from fresnel_decomp.fresnel import dielectric
-from fresnel_decomp.metallic import default_edge_color, metal_coefficients, metal_reflectance
+from fresnel_decomp.metallic import default_edge_colour, metal_coefficients, metal_reflectance
 from fresnel_decomp.mitsuba import register
 from fresnel_decomp.mitsuba.coupled_diffuse import cosine_average
 from fresnel_decomp.mitsuba.fresnel_terms import F82, Schlick
@@ -129,7 +129,7 @@ def test_numbers_from_first_principles(variant: str) -> None:
 def test_terms_are_the_models(fresnel: str, metallic: float, variant: str) -> None:
     base, cosines, basis = np.array([0.85, 0.55, 0.25]), COSINES[:, None], load_basis()
     under = models.model_from_ior(fresnel, 1.5, 0.0)(cosines)
-    edge = default_edge_color(base)
+    edge = default_edge_colour(base)
     over = {
         "exact": models.Gulbrandsen(base, 0.5),
         "schlick": models.Schlick(base),
@@ -164,7 +164,7 @@ def test_edges(fresnel: str, edge: str, variant: str) -> None:
     tinted = models.Gulbrandsen(base, 0.5 if edge == "usual" else np.array([0.1, 0.5, 0.9]))
     nodes = np.cos(basis.nodes)
     values = {
-        "usual": lambda c: metal_reflectance(base, default_edge_color(base), c),
+        "usual": lambda c: metal_reflectance(base, default_edge_colour(base), c),
         "color": lambda c: metal_reflectance(base, given, c),
         "nodes": lambda c: given if c == nodes[0] else 0.6 * np.ones(3),
         "tint": lambda c: tinted(c),

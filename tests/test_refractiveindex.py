@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fresnel_decomp import InputError, _refractiveindex, list_materials, load_material
-from fresnel_decomp.spectra import INTERPOLATIONS
+from fresnel_decomp.material import INTERPOLATIONS
 
 pytest.importorskip("yaml", reason="PyYAML comes with the extra 'refractiveindex'")
 installed = pytest.mark.skipif(

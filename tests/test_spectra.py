@@ -8,7 +8,8 @@ import pytest
 
 from fresnel_decomp._check import InputError
 from fresnel_decomp.colour import WAVELENGTH_NM, rgb_weights
-from fresnel_decomp.spectra import Material, list_materials, load_material
+from fresnel_decomp.material import Material
+from fresnel_decomp.spectra import list_materials, load_material
 
 TABLE = np.array([[380.0, 1.5, 2.0], [500.0, 1.25, 2.5], [780.0, 0.5, 4.0]])
 

@@ -162,7 +162,7 @@ def test_a_run_goes_on_where_it_stopped(measured, tmp_path: Path, monkeypatch):
 
 def test_records_of_other_settings_are_not_used(measured, monkeypatch):
     """Another seed, or another version of the code: both have records of their own."""
-    from fresnel_decomp import machine
+    from fresnel_decomp.bench import machine
     from fresnel_decomp.mitsuba import timing
 
     folder, _ = measured

@@ -7,7 +7,6 @@ an argument can only be a Dr.Jit array if the caller has imported it already.
 
 from __future__ import annotations
 
-import reprlib
 import sys
 from collections.abc import Callable
 from types import ModuleType
@@ -15,26 +14,20 @@ from typing import Any
 
 import numpy as np
 
-from ._check import input_error
-
 __all__ = [
     "DrJitOps",
     "NumPyOps",
     "Ops",
+    "detached",
     "drjit_constant",
     "drjit_module",
-    "floating_type",
     "is_drjit",
+    "is_recording",
     "multiply_add",
-    "one_kind",
     "ops_for",
     "polynomial",
-    "real_arguments",
-    "real_arrays",
+    "read_only",
 ]
-
-REAL = "fiu"
-"""Kinds of NumPy types that are real numbers."""
 
 
 def drjit_module() -> ModuleType | None:
@@ -46,6 +39,20 @@ def is_drjit(*values: Any) -> bool:
     """True if any of `values` is a Dr.Jit array of any backend."""
     dr = drjit_module()
     return dr is not None and any(dr.is_array_v(value) for value in values)
+
+
+def is_recording() -> bool:
+    """Whether Dr.Jit records a loop, a call or a function: there may be no values to look at."""
+    dr = drjit_module()
+    return dr is not None and any(
+        dr.flag(flag) for flag in (dr.JitFlag.SymbolicScope, dr.JitFlag.FreezingScope)
+    )
+
+
+def detached(value: Any) -> Any:
+    """The values of a Dr.Jit array in NumPy; anything else as it is."""
+    dr = drjit_module()
+    return np.array(dr.detach(value)) if dr is not None and is_drjit(value) else value
 
 
 class Ops:
@@ -64,14 +71,8 @@ class Ops:
     erfinv: Callable[..., Any]
     arccos: Callable[..., Any]
     arctan2: Callable[..., Any]
-
-    def sinh(self, x: Any) -> Any:
-        """Hyperbolic sine."""
-        return np.sinh(x)
-
-    def arcsinh(self, x: Any) -> Any:
-        """Its inverse, for x >= 0."""
-        return np.arcsinh(x)
+    sinh: Callable[..., Any]
+    arcsinh: Callable[..., Any]  # of x >= 0
 
     def sincos(self, x: Any) -> tuple[Any, Any]:
         """Both at once, which Dr.Jit computes at little more than the cost of one."""
@@ -107,6 +108,7 @@ class NumPyOps(Ops):
         self.minimum, self.maximum, self.select = np.minimum, np.maximum, np.where
         self.sin, self.cos, self.exp, self.log = np.sin, np.cos, np.exp, np.log
         self.arccos, self.arctan2 = np.arccos, np.arctan2
+        self.sinh, self.arcsinh = np.sinh, np.arcsinh
         self.erf, self.erfinv = _from_scipy("erf"), _from_scipy("erfinv")
 
     def fma(self, a: Any, b: Any, c: Any) -> Any:
@@ -163,14 +165,15 @@ class DrJitOps(Ops):
         self.sin, self.cos, self.exp, self.log = dr.sin, dr.cos, dr.exp, dr.log
         self.erf, self.erfinv = dr.erf, dr.erfinv
         self.arccos, self.arctan2 = dr.acos, dr.atan2
+        self.sinh, self.arcsinh = self._sinh, self._arcsinh
 
     # `dr.sinh` and `dr.asinh` fail for scalar arrays; these are right to a rounding of 1
 
-    def sinh(self, x: Any) -> Any:
+    def _sinh(self, x: Any) -> Any:
         grown = self.dr.exp(x)
         return 0.5 * (grown - 1.0 / grown)
 
-    def arcsinh(self, x: Any) -> Any:
+    def _arcsinh(self, x: Any) -> Any:
         return self.dr.log(x + self.dr.sqrt(self.dr.fma(x, x, 1.0)))
 
     def sincos(self, x: Any) -> tuple[Any, Any]:
@@ -200,132 +203,11 @@ def ops_for(*values: Any) -> Ops:
     return DrJitOps() if is_drjit(*values) else NumPyOps()
 
 
-def one_kind(*values: Any) -> tuple[Any, ...]:
-    """`values` such that arithmetic on them gives Dr.Jit arrays if any of them is one.
-
-    NumPy scalars beside a Dr.Jit array become Python floats: as left operands they would turn it
-    into a NumPy array, without a word and without its gradient.
-
-    Raises
-    ------
-    InputError
-        If Dr.Jit arrays are mixed with NumPy arrays of one or more dimensions, with lists, or with
-        what is not a real number.
-    """
-    dr = drjit_module()
-    if dr is None or not is_drjit(*values):
-        return values
-    return tuple(value if dr.is_array_v(value) else _beside_drjit(value) for value in values)
-
-
-def _beside_drjit(value: Any) -> float:
-    """A scalar as a Python float."""
-    if type(value) is float:  # the usual case, without a detour through NumPy
-        return value
-    array = _as_array(value)
-    if array.ndim:
-        raise input_error(
-            "a NumPy array together with a Dr.Jit array",
-            "arrays of one kind, and Python floats",
-            f"Convert first, e.g. mi.Float(array); the array has shape {array.shape}.",
-        )
-    if array.dtype.kind not in REAL:
-        raise input_error(
-            f"{reprlib.repr(value)} of type {type(value).__name__} together with a Dr.Jit array",
-            "real numbers",
-            "Pass eta and k as two of them.",
-        )
-    return float(array)
-
-
-def _as_array(value: Any) -> np.ndarray:
-    """A NumPy array; one of objects where lists are not all of one length."""
-    try:
-        return np.asarray(value)
-    except ValueError:
-        return np.array(None)
-
-
-def real_arrays(**named: Any) -> list[np.ndarray]:
-    """The arguments as NumPy arrays.
-
-    Raises
-    ------
-    InputError
-        If they are not real numbers (truth values are not), or do not broadcast.
-    """
-    arrays = [_as_array(value) for value in named.values()]
-    if any(array.dtype.kind not in REAL for array in arrays):
-        raise input_error(
-            f"{', '.join(named)} of types {', '.join(str(array.dtype) for array in arrays)}",
-            "real numbers",
-            "Pass eta and k as two real arrays.",
-        )
-    try:
-        np.broadcast_shapes(*(array.shape for array in arrays))
-    except ValueError:
-        raise input_error(
-            f"{', '.join(named)} of shapes {', '.join(str(array.shape) for array in arrays)}",
-            "shapes that broadcast",
-            "Add axes, e.g. eta[:, None], to evaluate every material at every angle.",
-        ) from None
-    return arrays
-
-
-def real_arguments(**named: Any) -> tuple[Any, ...]:
-    """The arguments as `one_kind` returns them, once they are known to fit together.
-
-    Raises
-    ------
-    InputError
-        If they are not real numbers, or their shapes, or sizes of Dr.Jit arrays, do not broadcast;
-        and as `one_kind` does.
-    """
-    dr = drjit_module()
-    shapes, sizes = [], set()
-    kind: Any
-    for name, value in named.items():
-        if is_drjit(value):
-            assert dr is not None
-            real, kind = dr.is_arithmetic_v(value) and not dr.is_complex_v(value), type(value)
-            if dr.depth_v(value) == 1 and not dr.is_tensor_v(value):
-                sizes.add(dr.width(value))
-        else:
-            try:
-                array = np.asarray(value)
-            except ValueError:  # rows of several lengths
-                array = np.asarray(None)
-            real = array.dtype.kind in "fiub"
-            kind = array.dtype if isinstance(value, np.ndarray) else type(value)
-            shapes.append(array.shape)
-        if not real:
-            given = f"{value!r:.40}" if isinstance(value, str | complex | None) else str(kind)
-            raise input_error(
-                f"{name}={given}", "real numbers", "Pass a float, a NumPy array or a Dr.Jit array."
-            )
-    names = " and ".join(named)
-    try:
-        np.broadcast_shapes(*shapes)
-    except ValueError:
-        raise input_error(
-            f"{names} of shapes {', '.join(map(str, shapes))}",
-            "shapes that broadcast",
-            "Add axes, e.g. alpha[:, None], for every combination.",
-        ) from None
-    if len(sizes - {1}) > 1:
-        raise input_error(
-            f"{names} of sizes {', '.join(map(str, sorted(sizes)))}",
-            "Dr.Jit arrays of one size, or of size 1",
-            "dr.meshgrid gives every combination.",
-        )
-    return one_kind(*named.values())
-
-
-def floating_type(*values: Any) -> np.dtype:
-    """The common type of the NumPy floats among `values`; float64 where there is none."""
-    typed = [value.dtype for value in values if isinstance(value, np.ndarray | np.generic)]
-    typed = [dtype for dtype in typed if dtype.kind == "f"]
-    return np.result_type(*typed) if typed else np.dtype(np.float64)
+def read_only(array: Any) -> np.ndarray:
+    """A float64 copy that cannot be written to."""
+    copy = np.array(array, np.float64)
+    copy.flags.writeable = False
+    return copy
 
 
 def drjit_constant(kind: Any, values: Any) -> Any:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ._array import multiply_add, one_kind
+from ._arguments import one_kind
+from ._array import multiply_add
 from .parametrization import F82_COSINE
 
 __all__ = ["bend_factor", "bent_schlick", "schlick"]

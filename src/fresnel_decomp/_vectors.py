@@ -1,4 +1,4 @@
-"""Directions and colours as three components, for NumPy and Dr.Jit alike."""
+"""Directions and colours as three components, and their algebra, for NumPy and Dr.Jit alike."""
 
 from __future__ import annotations
 
@@ -6,10 +6,28 @@ from typing import Any
 
 import numpy as np
 
-from ._array import drjit_module, is_drjit, one_kind
+from ._arguments import one_kind
+from ._array import Ops, drjit_module, is_drjit
 from ._check import InputError, input_error
 
-__all__ = ["as_vector", "as_vectors", "of_kind"]
+__all__ = [
+    "Vector",
+    "angle_times_normal",
+    "as_triple",
+    "as_vector",
+    "as_vectors",
+    "cross",
+    "dot",
+    "of_kind",
+    "perpendicular",
+    "scaled",
+    "select_vector",
+    "unit",
+    "vector_sum",
+]
+
+Vector = tuple[Any, Any, Any]
+"""Three components, each a number or an array."""
 
 
 def as_vector(value: Any, name: str = "direction") -> Any:
@@ -51,6 +69,27 @@ def _no_vector(given: str) -> InputError:
     )
 
 
+def as_triple(value: Any, name: str = "direction") -> Vector:
+    """Three components, each a number or an array; three NumPy arrays in a tuple as they are.
+
+    Raises
+    ------
+    InputError
+        As `as_vector`.
+    """
+    if (
+        isinstance(value, tuple)
+        and len(value) == 3
+        and all(isinstance(part, np.ndarray) and part.ndim for part in value)
+    ):
+        return value
+    vector = as_vector(value, name)
+    if not isinstance(vector, tuple):
+        vector = vector.tolist() if vector.ndim == 1 else np.moveaxis(vector, -1, 0)
+    x, y, z = vector
+    return x, y, z
+
+
 def as_vectors(*beside: Any, **named: Any) -> list[Any]:
     """Vectors as `as_vector` returns them, all of one kind: that of Dr.Jit if any argument is.
 
@@ -90,3 +129,58 @@ def of_kind(kind: Any, value: Any) -> Any:
     dr = drjit_module()
     assert dr is not None
     return dr.opaque(kind, float(value)) if dr.is_jit_v(kind) else kind(float(value))
+
+
+# --- algebra --------------------------------------------------------------------------------------
+
+
+def dot(a: Vector, b: Vector) -> Any:
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """Vector product."""
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+
+
+def scaled(a: Vector, factor: Any) -> Vector:
+    return a[0] * factor, a[1] * factor, a[2] * factor
+
+
+def vector_sum(*vectors: Vector) -> Vector:
+    x, y, z = (sum(parts[1:], parts[0]) for parts in zip(*vectors, strict=True))
+    return x, y, z
+
+
+def select_vector(ops: Ops, mask: Any, a: Vector, b: Vector) -> Vector:
+    x, y, z = (ops.select(mask, p, q) for p, q in zip(a, b, strict=True))
+    return x, y, z
+
+
+def unit(ops: Ops, a: Vector) -> Vector:
+    """A vector over its length; 0 if it has none."""
+    square = dot(a, a)
+    some = square > 0.0
+    return scaled(a, 1.0 / ops.sqrt(ops.select(some, square, 1.0)))
+
+
+def perpendicular(ops: Ops, a: Vector) -> Vector:
+    """Any vector at right angles to a unit vector, at least half as long."""
+    x, y, z = a
+    flat = ops.abs(x) > 0.7
+    return ops.select(flat, -z, 0.0), ops.select(flat, 0.0, z), ops.select(flat, x, -y)
+
+
+def angle_times_normal(ops: Ops, a: Vector, b: Vector) -> Vector:
+    """The angle between two vectors times the normal of their plane."""
+    normal = cross(a, b)
+    square = dot(normal, normal)
+    proper = square > 0.0
+    length = ops.sqrt(ops.select(proper, square, 1.0))
+    angle = ops.arctan2(length, ops.select(proper, dot(a, b), 1.0))
+    return scaled(normal, ops.select(proper, angle / length, 0.0))

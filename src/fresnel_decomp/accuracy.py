@@ -9,19 +9,21 @@ Smith), at views whose cosine is in [0, 1] and alpha in [.08, 1].
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import curves
+from ._coefficients import TERMS
 from .basis import Basis, load_basis
-from .curves import CurveSet
-from .extraction import RECIPES
+from .colour import delta_e_2000
+from .curves import SETS, CurveSet, error_cosines
+from .material import Material
 from .models import F82, Lazanyi, Schlick
-from .spectra import Material, list_materials, load_material
+from .recipes import RECIPES
+from .regression import albedo_operator
+from .spectra import list_materials, load_material
 
 __all__ = [
     "COLOUR_DEGREES",
@@ -38,13 +40,6 @@ __all__ = [
 ]
 
 RECIPE_ORDER = ("notebook", *(recipe for recipe in RECIPES if recipe != "notebook"))
-SETS: dict[str, Callable[[], CurveSet]] = {
-    "a": curves.dielectrics,
-    "cp": curves.gulbrandsen_grid,
-    "d": curves.measured_metals,
-    "low": curves.low_index_corner,
-}
-TERMS = (3, 4, 5, 6)
 COLOUR_DEGREES = np.arange(91.0)
 """Angles at which colours are compared."""
 
@@ -135,10 +130,10 @@ def measure(
     >>> {name: round(errors.max, 3) for name, errors in found.items()}
     {'Schlick': 0.55, 'talk, 4 terms': 0.087}
     """
-    cos_theta, uniform = curves.error_cosines()
+    cos_theta, uniform = error_cosines()
     functions = models(cos_theta)
     functions = {name: functions[name] for name in (only or functions)}
-    points, operator, weights = _albedo_operator()
+    points, operator, weights = albedo_operator()
     at_points = models(points)
     largest = {name: np.zeros(len(curve_set)) for name in functions}
     place = {name: np.zeros(len(curve_set), int) for name in functions}
@@ -181,13 +176,6 @@ def measure(
     return results
 
 
-@functools.cache
-def _albedo_operator() -> tuple[Array, Array, Array]:
-    from .regression import albedo_operator
-
-    return albedo_operator()
-
-
 def usable_materials() -> list[Material]:
     """The distinct measured materials whose spectra cover the visible."""
     return [
@@ -197,8 +185,6 @@ def usable_materials() -> list[Material]:
 
 def colour_errors(fit: Sequence[Array], exact: Sequence[Array]) -> ColourErrors:
     """Differences of colours in linear sRGB, one (angles, 3) array for each material."""
-    from .colour import delta_e_2000
-
     error = delta_e_2000(np.stack(fit), np.stack(exact))
     return ColourErrors(
         max=float(error.max()),

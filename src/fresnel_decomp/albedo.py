@@ -23,33 +23,26 @@ last angle.
 
 from __future__ import annotations
 
-import functools
-import math
-import operator
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ._array import (
-    DrJitOps,
-    Ops,
-    drjit_constant,
-    drjit_module,
-    floating_type,
-    is_drjit,
-    ops_for,
-    real_arguments,
+from ._arguments import floating_type, numpy_arguments, plain_numbers, real_arguments, without_axes
+from ._array import DrJitOps, drjit_constant, drjit_module, is_drjit, ops_for
+from ._check import choose, input_error, is_whole
+from ._distributions import Shape, named_shape
+from ._lobe_rule import (
+    TWO_PANELS,
+    Nodes,
+    View,
+    at_azimuth,
+    reflected,
+    rule_nodes,
+    seen_from,
+    unit_gauss,
 )
-from ._check import choose, input_error
-from .microfacet import (
-    SMITH,
-    Distribution,
-    Shape,
-    Smith,
-    named_shape,
-    shadowing_ratio,
-)
+from .microfacet import SMITH, Distribution, Smith
 
 __all__ = [
     "MOST_NODES",
@@ -75,8 +68,6 @@ class Quadrature(NamedTuple):
     azimuth: int
     slope: int
 
-
-TWO_PANELS = 24
 
 MOST_NODES = 512
 """In either direction."""
@@ -144,7 +135,7 @@ def directional_albedo(
     """
     shape = named_shape(distribution)
     choose("smith", smith, SMITH)
-    nodes = _nodes(*checked_quadrature(quadrature))
+    nodes = rule_nodes(*checked_quadrature(quadrature))
     mu, alpha = real_arguments(mu=mu, alpha=alpha)
     for name, value in (("mu", mu), ("alpha", alpha)):
         _check_scalar(name, value)
@@ -178,7 +169,7 @@ def average_fresnel(f: Fresnel, nodes: int = 64) -> Any:
     >>> average_fresnel(load_basis()).round(4)
     array([1.    , 0.0495, 0.1747, 0.3707])
     """
-    root, weight = _unit_gauss(_node_count(nodes))
+    root, weight = unit_gauss(_node_count(nodes))
     mu = root * root  # dense at grazing angles, where Fresnel functions bend
     values = np.asarray(f(mu))
     if values.ndim == 0:  # a constant
@@ -226,7 +217,7 @@ def average_albedo(
     >>> round(float(average_albedo(lambda cos_theta: 1.0 + 0.0 * cos_theta, 1.0)), 3)
     0.377
     """
-    root, weight = _unit_gauss(_node_count(nodes))
+    root, weight = unit_gauss(_node_count(nodes))
     (alpha,) = numpy_arguments(alpha=alpha)
     _check_scalar("alpha", alpha)
     alpha = np.asarray(alpha, np.float64)
@@ -236,141 +227,60 @@ def average_albedo(
     return np.tensordot(4.0 * weight * root**3, values, 1)[()]
 
 
-# --- the rule ------------------------------------------------------------------------------------
-
-
-class _Nodes(NamedTuple):
-    """Gauss nodes and weights: u in [-1, 1] for the azimuth, w in [0, 1] for the slope."""
-
-    width: float  # that the change of variable in azimuth resolves
-    u: np.ndarray
-    u_weight: np.ndarray
-    w: np.ndarray
-    w_weight: np.ndarray
-
-
-@functools.cache
-def _unit_gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss-Legendre nodes and weights on [0, 1]."""
-    x, weight = np.polynomial.legendre.leggauss(count)
-    return 0.5 * (x + 1.0), 0.5 * weight
-
-
-@functools.cache
-def _nodes(azimuth: int, slope: int) -> _Nodes:
-    if azimuth < TWO_PANELS:
-        u, u_weight = _unit_gauss(azimuth)
-        return _Nodes(0.025, 2.0 * u - 1.0, 2.0 * u_weight, *_unit_gauss(slope))
-    half, weight = _unit_gauss(azimuth // 2)
-    u, u_weight = np.append(-half[::-1], half), np.append(weight[::-1], weight)
-    return _Nodes(0.1, u, u_weight, *_unit_gauss(slope))
+# --- arguments -----------------------------------------------------------------------------------
 
 
 def checked_quadrature(quadrature: tuple[int, int] | None) -> tuple[int, int]:
     try:
-        azimuth, slope = map(operator.index, QUADRATURE if quadrature is None else quadrature)
+        azimuth, slope = QUADRATURE if quadrature is None else quadrature
     except (TypeError, ValueError):
         azimuth = slope = 0
-    if not (2 <= azimuth <= MOST_NODES and 2 <= slope <= MOST_NODES) or azimuth % 2:
+    if not (is_whole(azimuth, 2, MOST_NODES) and is_whole(slope, 2, MOST_NODES)) or azimuth % 2:
         raise input_error(
             f"quadrature={quadrature!r}",
             f"two numbers of nodes from 2 to {MOST_NODES}, the first one even",
             f"The default is {tuple(QUADRATURE)}.",
         )
-    return azimuth, slope
+    return int(azimuth), int(slope)
 
 
 def _node_count(nodes: int) -> int:
-    try:
-        count = operator.index(nodes)
-    except TypeError:
-        count = 0
-    if not 1 <= count <= MOST_NODES:
+    if not is_whole(nodes, 1, MOST_NODES):
         raise input_error(
             f"nodes={nodes!r}", f"a whole number from 1 to {MOST_NODES}", "64 is enough."
         )
-    return count
+    return int(nodes)
 
 
-def numpy_arguments(**named: Any) -> tuple[Any, ...]:
-    """`real_arguments` where Dr.Jit arrays are refused."""
-    if is_drjit(*named.values()):
+def _check_scalar(name: str, value: Any) -> None:
+    if is_drjit(value) or np.ndim(value):
+        return
+    upper = 1.0 if name == "mu" else ROUGHEST
+    if not 0.0 <= value <= upper:
         raise input_error(
-            "a Dr.Jit array", "NumPy arrays and Python floats", "Pass np.array(alpha) and the like."
+            f"{name}={value:g}",
+            "a cosine in [0, 1]" if name == "mu" else f"a number in [0, {ROUGHEST:g}]",
+            "Arrays may hold any value: mu is clamped there, a bad alpha gives NaN.",
         )
-    return real_arguments(**named)
 
 
-class _View(NamedTuple):
-    """What depends on the view and the roughness alone."""
-
-    mu: Any
-    alpha: Any
-    sine: Any
-    area: Any  # sigma(mu)
-    masking: Any  # G1(mu)
-    width: Any  # of the change of variable in azimuth
-    stretch: Any
-    edge: Any  # of that in the slope
+# --- sums over nodes -----------------------------------------------------------------------------
 
 
-def _view(ops: Ops, shape: Shape, mu: Any, alpha: Any, least_width: float, tiny: float) -> _View:
-    # Added, not clamped: derivatives pass. At mu = 0 the limit is meant, and at mu = 1 sine has an
-    # infinite derivative, of which F depends on the even part only.
-    mu = mu + 1e-18
-    sine = ops.sqrt((1.0 - mu) * (1.0 + mu) + tiny)
-    plain_mu, plain_alpha = ops.detach(mu), ops.detach(alpha)
-    width = ops.maximum(plain_mu, least_width)
-    stretch = ops.arcsinh(0.5 * math.pi / width)
-    edge = ops.maximum(2.0 * plain_alpha, 1e-4)
-    area = shape.projected_area(ops, mu, alpha)
-    return _View(mu, alpha, sine, area, mu / area, width, stretch, edge)
-
-
-def _azimuth(ops: Ops, shape: Shape, view: _View, u: Any, weight: Any) -> tuple[Any, ...]:
-    """(alpha q, weight, range of slopes) at a node, q = s cos phi."""
-    wave = ops.sinh(view.stretch * u)
-    q = -view.sine * ops.sin(view.width * wave)  # phi = pi/2 + width sinh(stretch u)
-    weight = weight * (2.0 * view.width * view.stretch / view.area) * ops.sqrt(1.0 + wave * wave)
-    p = ops.abs(q) + ops.sqrt(q * q + view.mu * view.mu)
-    forward = u < 0.0
-    numerator = ops.select(forward, p, view.mu)
-    denominator = view.alpha * ops.select(forward, view.mu, p)
-    limits = shape.slope_range(ops, numerator, denominator, view.edge)
-    return view.alpha * q, weight, limits
-
-
-def _reflection(
-    ops: Ops, shape: Shape, smith: str, view: _View, azimuth: tuple[Any, ...], w: Any
-) -> tuple[Any, Any]:
-    """(wo·h, weight) at a node; the sum over nodes of weight times F is the albedo."""
-    alpha_q, azimuth_weight, limits = azimuth
-    across, along, weight = shape.slope_node(ops, limits, w)
-    # h is (alpha across (cos phi, sin phi), along) / length
-    visible = alpha_q * across + view.mu * along
-    tilted = view.alpha * across
-    inverse = 1.0 / ops.sqrt(tilted * tilted + along * along)
-    cos_d = ops.minimum(ops.maximum(visible * inverse, 0.0), 1.0)
-    cos_i = 2.0 * cos_d * (along * inverse) - view.mu
-    cos_i = ops.minimum(ops.maximum(cos_i, 1e-15), 1.0)  # what is divided by must not underflow
-    seen = shadowing_ratio(ops, shape, smith, cos_i, view.alpha, view.masking)
-    return cos_d, seen * visible * (weight * azimuth_weight)
-
-
-def _on_numpy(f: Fresnel, mu: Any, alpha: Any, smith: str, shape: Shape, nodes: _Nodes) -> Any:
+def _on_numpy(f: Fresnel, mu: Any, alpha: Any, smith: str, shape: Shape, nodes: Nodes) -> Any:
     result_type = floating_type(mu, alpha)
-    plain = not any(isinstance(value, np.generic | np.ndarray) for value in (mu, alpha))
+    plain = plain_numbers(mu, alpha)
     mu, alpha = np.broadcast_arrays(np.asarray(mu, np.float64), np.asarray(alpha, np.float64))
     valid = ~np.isnan(mu) & (alpha >= 0.0) & (alpha <= ROUGHEST)
     smooth = alpha < SMOOTH
     ops = ops_for()
     mu, alpha = np.clip(mu, 0.0, 1.0), np.where(valid & ~smooth, alpha, 1.0)
-    view = _view(ops, shape, np.where(valid, mu, 1.0), alpha, nodes.width, 1e-14)
+    view = seen_from(ops, shape, np.where(valid, mu, 1.0), alpha, nodes.width, 1e-14)
     w, w_weight = (column.reshape(-1, *(1,) * mu.ndim) for column in (nodes.w, nodes.w_weight))
     total: Any = 0.0
     for u, u_weight in zip(nodes.u, nodes.u_weight, strict=True):
-        azimuth = _azimuth(ops, shape, view, u, u_weight)
-        cos_d, weight = _reflection(ops, shape, smith, view, azimuth, w)
+        azimuth = at_azimuth(ops, shape, view, u, u_weight)
+        cos_d, weight = reflected(ops, shape, smith, view, azimuth, w)
         weight = weight * w_weight
         values = np.asarray(f(cos_d))
         vector = values.ndim > weight.ndim
@@ -380,12 +290,10 @@ def _on_numpy(f: Fresnel, mu: Any, alpha: Any, smith: str, shape: Shape, nodes: 
         mirror = mirror[0] if mirror.ndim else mirror  # of a constant
         total = np.where(smooth[..., None] if vector else smooth, mirror, total)
     total = np.where(valid[..., None] if vector else valid, total, np.nan)
-    if total.ndim == 0:
-        return float(total) if plain else total.astype(result_type)[()]
-    return total.astype(result_type)
+    return without_axes(total.astype(result_type), plain)
 
 
-def _on_drjit(f: Fresnel, mu: Any, alpha: Any, smith: str, shape: Shape, nodes: _Nodes) -> Any:
+def _on_drjit(f: Fresnel, mu: Any, alpha: Any, smith: str, shape: Shape, nodes: Nodes) -> Any:
     dr = drjit_module()
     assert dr is not None
     ops = DrJitOps()
@@ -395,7 +303,7 @@ def _on_drjit(f: Fresnel, mu: Any, alpha: Any, smith: str, shape: Shape, nodes: 
     double = dr.type_v(result) == dr.VarType.Float64
     smooth = alpha < SMOOTH
     mu, alpha = _clamped(dr, mu), dr.select(valid & ~smooth, alpha, 1.0)
-    view = _view(ops, shape, mu, alpha, nodes.width, 1e-12 if double else 1e-6)
+    view = seen_from(ops, shape, mu, alpha, nodes.width, 1e-12 if double else 1e-6)
     # A loop over groups of nodes is recorded. Those of a group share an azimuth and are unrolled:
     # processors work on them side by side, but compilers take their time.
     group = next(size for size in (_GROUP, 3, 2, 1) if len(nodes.w) % size == 0)
@@ -405,10 +313,10 @@ def _on_drjit(f: Fresnel, mu: Any, alpha: Any, smith: str, shape: Shape, nodes: 
         for start in range(0, len(nodes.w), group)
     ]
 
-    def add(totals: tuple[Any, ...], view: _View, row: Sequence[Any]) -> tuple[Any, ...]:
-        azimuth = _azimuth(ops, shape, view, row[0], row[1])
+    def add(totals: tuple[Any, ...], view: View, row: Sequence[Any]) -> tuple[Any, ...]:
+        azimuth = at_azimuth(ops, shape, view, row[0], row[1])
         for w, w_weight in zip(row[2 : 2 + group], row[2 + group :], strict=True):
-            cos_d, weight = _reflection(ops, shape, smith, view, azimuth, w)
+            cos_d, weight = reflected(ops, shape, smith, view, azimuth, w)
             weight = weight * w_weight
             values = _as_tuple(f(cos_d))
             totals = tuple(dr.fma(weight, v, t) for v, t in zip(values, totals, strict=True))
@@ -422,7 +330,7 @@ def _on_drjit(f: Fresnel, mu: Any, alpha: Any, smith: str, shape: Shape, nodes: 
 
         def body(i: Any, view: tuple[Any, ...], totals: tuple[Any, ...]) -> tuple[Any, ...]:
             row = [dr.gather(result, column, i) for column in columns]
-            return i + 1, view, add(totals, _View(*view), row)
+            return i + 1, view, add(totals, View(*view), row)
 
         # the view is part of the state, since derivatives of what a loop captures are fragile
         *_, total = dr.while_loop(
@@ -449,15 +357,3 @@ def _as_tuple(values: Any) -> tuple[Any, ...]:
 def _clamped(dr: Any, value: Any) -> Any:
     """`value` in [0, 1]; dr.clip would have no derivative at the ends."""
     return dr.select(value < 0.0, 0.0, dr.select(value > 1.0, 1.0, value))
-
-
-def _check_scalar(name: str, value: Any) -> None:
-    if is_drjit(value) or np.ndim(value):
-        return
-    upper = 1.0 if name == "mu" else ROUGHEST
-    if not 0.0 <= value <= upper:
-        raise input_error(
-            f"{name}={value:g}",
-            "a cosine in [0, 1]" if name == "mu" else f"a number in [0, {ROUGHEST:g}]",
-            "Arrays may hold any value: mu is clamped there, a bad alpha gives NaN.",
-        )

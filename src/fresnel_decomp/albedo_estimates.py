@@ -6,13 +6,13 @@ sequence. They are what the rule is tested against, and what a bake would otherw
 
 from __future__ import annotations
 
-import operator
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ._check import input_error
-from .albedo import ROUGHEST, Fresnel, numpy_arguments
+from ._arguments import numpy_arguments
+from ._check import input_error, is_whole
+from .albedo import ROUGHEST, Fresnel
 from .microfacet import Distribution, Smith, reflect, sample_visible_normal, shadowing
 
 __all__ = ["Estimate", "monte_carlo_albedo", "quasi_monte_carlo_albedo"]
@@ -65,7 +65,7 @@ def monte_carlo_albedo(
     >>> bool(abs(white.value - (1.0 - np.log(2.0))) < 4.0 * white.standard_error)
     True
     """
-    if _whole(samples) < 2:
+    if not is_whole(samples, 2):
         raise input_error(
             f"samples={samples!r}", "a whole number, at least 2", "One has no standard error."
         )
@@ -109,13 +109,13 @@ def quasi_monte_carlo_albedo(
     """
     from scipy.stats import qmc
 
-    if _whole(samples) < 1 or _whole(replicates) < 1:
+    if not (is_whole(samples, 1) and is_whole(replicates, 1)):
         raise input_error(
             f"samples={samples!r}, replicates={replicates!r}",
             "whole numbers, at least 1 of each",
             "Try 4096 and 8.",
         )
-    samples = operator.index(samples)
+    samples = int(samples)
     means = []
     for generator in np.random.default_rng(seed).spawn(replicates):
         sequence = qmc.Sobol(2, scramble=True, seed=generator)
@@ -127,14 +127,6 @@ def quasi_monte_carlo_albedo(
     values = np.array(means)
     spread = values.std(axis=0, ddof=1) if replicates > 1 else np.full(values.shape[1:], np.nan)
     return Estimate(values.mean(axis=0)[()], (spread / np.sqrt(replicates))[()])
-
-
-def _whole(number: Any) -> int:
-    """A whole number as an int; 0 for anything else."""
-    try:
-        return operator.index(number)
-    except TypeError:
-        return 0
 
 
 def _sums(

@@ -16,14 +16,17 @@ from typing import Any
 import numpy as np
 
 from ._array import ops_for
+from ._check import choose, input_error, is_whole
+from ._distributions import named_shape
+from ._lobe_rule import unit_gauss
 from .albedo import SMOOTH, Fresnel
 from .energy import missing
 from .fast_curves import FastCurves
 from .microfacet import (
+    SMITH,
     Distribution,
     Smith,
     masking,
-    named_shape,
     sample_visible_normal,
     shadowing_ratio,
 )
@@ -64,6 +67,11 @@ def anisotropic_albedo(
     -------
     (n_views, n) float64
 
+    Raises
+    ------
+    InputError
+        For arrays of other shapes, numbers of samples that are no power of 2, and unknown options.
+
     Examples
     --------
     >>> import numpy as np
@@ -74,14 +82,28 @@ def anisotropic_albedo(
     >>> bool(abs(found[0, 0] - (1.0 - np.log(2.0))) < 1e-3)
     True
     """
-    shape, (u1, u2) = named_shape(distribution), _points(samples)
+    shape = named_shape(distribution)
+    choose("smith", smith, SMITH)
+    if not is_whole(samples, 1) or samples & (samples - 1):
+        raise input_error(f"samples={samples!r}", "a power of 2", f"{SAMPLES} err by about .001.")
+    direction, alpha_u, alpha_v = (np.asarray(v, np.float64) for v in (direction, alpha_u, alpha_v))
+    if (
+        direction.shape != (*alpha_u.shape, 3)
+        or alpha_u.shape != alpha_v.shape
+        or alpha_u.ndim != 1
+    ):
+        raise input_error(
+            f"direction, alpha_u, alpha_v of shapes {direction.shape}, {alpha_u.shape}, "
+            f"{alpha_v.shape}",
+            "(n_views, 3), (n_views,), (n_views,)",
+            "Give each view its two roughnesses: np.full(len(direction), 0.3).",
+        )
+    u1, u2 = _points(int(samples))
     step = max(1, _BLOCK // samples)
     rows = []
     for start in range(0, len(direction), step):
-        wo = tuple(np.asarray(direction[start : start + step], np.float64).T[:, :, None])
-        a, b = (
-            np.asarray(v[start : start + step], np.float64)[:, None] for v in (alpha_u, alpha_v)
-        )
+        wo = tuple(direction[start : start + step].T[:, :, None])
+        a, b = (v[start : start + step, None] for v in (alpha_u, alpha_v))
         # in the frame in which the surface has roughness 1, and back
         view = _unit((a * wo[0], b * wo[1], wo[2]))
         x, y, z = sample_visible_normal(view, 1.0, u1, u2, distribution)
@@ -193,11 +215,10 @@ def _nodes(low: float, high: float) -> np.ndarray:
 
 def _losses(values: np.ndarray) -> np.ndarray:
     """L, lambda_1, ... of a grid as it is interpolated."""
-    x, weight = np.polynomial.legendre.leggauss(4)
+    part, weight = unit_gauss(4)
     cells = ELEVATIONS - 1
-    part = 0.5 * (x + 1.0)
     root = (np.arange(cells)[:, None] + part) / cells
-    weight = 4.0 * root**3 * (0.5 * weight / cells)
+    weight = 4.0 * root**3 * (weight / cells)
     near, far = values[..., :-1, None, :], values[..., 1:, None, :]
     inside = near + (far - near) * part[:, None]
     # between two azimuths everything is linear: the trapezoidal rule, 1 in all

@@ -37,11 +37,13 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ._array import Ops, drjit_module, floating_type, is_drjit, one_kind, ops_for
-from ._check import InputError, choose, input_error
-from .irradiance import cross, dot, ellipse_irradiance, polygon_irradiance
+from ._arguments import floating_type, one_kind
+from ._array import Ops, is_drjit, ops_for
+from ._check import choose, input_error
+from ._vectors import Vector, as_triple, cross, dot, of_kind, perpendicular
+from .irradiance import ellipse_irradiance, polygon_irradiance
 from .ltc import Lobe, LobeTable
-from .microfacet import Vector, half_vector
+from .microfacet import half_vector
 from .split_albedo import SplitAlbedo
 from .table import AlbedoTable
 
@@ -101,7 +103,7 @@ class AreaLight:
     def __post_init__(self) -> None:
         choose("shape", self.shape, _SHAPES)
         for name in ("centre", "u", "v"):
-            vector = _triple(name, getattr(self, name))
+            vector = as_triple(getattr(self, name), name)
             object.__setattr__(self, name, vector)
             if not is_drjit(*vector) and not all(np.isfinite(part).all() for part in vector):
                 raise input_error(
@@ -118,7 +120,7 @@ class AreaLight:
                 "a number, or three of them",
                 "A light has one radiance all over; shade another light for another radiance.",
             )
-        object.__setattr__(self, "radiance", _triple("radiance", radiance))
+        object.__setattr__(self, "radiance", as_triple(radiance, "radiance"))
 
     @property
     def normal(self) -> Vector:
@@ -220,13 +222,14 @@ def lit_share(
         For vectors without three components, and NumPy arrays beside Dr.Jit's.
     """
     position, normal, view = (
-        _triple(name, value)
+        as_triple(value, name)
         for name, value in (("position", position), ("normal", normal), ("view", view))
     )
     numbers = one_kind(*position, *normal, *view, *light.centre, *light.u, *light.v, alpha)
     ops = ops_for(*numbers)
     if is_drjit(*numbers):
-        numbers = _of_one_kind(numbers)
+        kind = type(sum(0.0 * number for number in numbers if is_drjit(number)))
+        numbers = tuple(of_kind(kind, number) for number in numbers)
     else:
         dtype = floating_type(*numbers)
         numbers = tuple(np.asarray(number, dtype)[()] for number in numbers)
@@ -252,15 +255,6 @@ def lit_share(
     everywhere = _direction(ops, lobe, (everywhere[0], everywhere[1], everywhere[2] + 1.0))
     cos_half = _between(local_view, direction)
     return Lit(share, cos_half, _between(local_view, everywhere), mu, above)
-
-
-def _of_one_kind(numbers: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Numbers as Dr.Jit arrays, and no part of the kernel: the next light needs no new one."""
-    dr = drjit_module()
-    assert dr is not None
-    kind = type(sum(0.0 * number for number in numbers if is_drjit(number)))
-    new = dr.opaque if dr.is_jit_v(kind) else lambda kind, number: kind(number)
-    return tuple(n if is_drjit(n) else new(kind, float(n)) for n in numbers)
 
 
 def _through(
@@ -307,9 +301,7 @@ def _frame(ops: Ops, normal: Vector, view: Vector) -> tuple[Vector, Vector, Vect
     side = tuple(v - mu * n for v, n in zip(view, normal, strict=True))
     square = dot(side, side)
     tilted = square > _HEAD_ON
-    x, y, z = normal
-    flat = ops.abs(x) > 0.7
-    other = (ops.select(flat, -z, 0.0), ops.select(flat, 0.0, z), ops.select(flat, x, -y))
+    other = perpendicular(ops, normal)
     square = ops.select(tilted, square, dot(other, other))
     scale = 1.0 / ops.sqrt(square)
     tangent = tuple(scale * ops.select(tilted, a, b) for a, b in zip(side, other, strict=True))
@@ -414,34 +406,3 @@ def _by_channel(function: Callable[..., Any], *colours: Any) -> Any:
     if isinstance(colours[0], tuple):
         return tuple(function(*channels) for channels in zip(*colours, strict=True))
     return function(*colours)
-
-
-def _triple(name: str, value: Any) -> Any:
-    """Three components, whatever holds them."""
-    dr = drjit_module()
-    if dr is not None and (
-        is_drjit(value) or (isinstance(value, tuple | list) and is_drjit(*value))
-    ):
-        if dr.is_tensor_v(value) or len(value) != 3:
-            raise _no_vector(name, f"a {type(value).__name__}")
-        return tuple(value[i] for i in range(3))
-    array = np.asarray(value)
-    if (
-        isinstance(value, tuple)
-        and len(value) == 3
-        and all(isinstance(part, np.ndarray) and part.ndim for part in value)
-    ):
-        return value
-    if array.dtype.kind not in "fiu" or array.ndim == 0 or array.shape[-1] != 3:
-        raise _no_vector(name, f"{array.dtype} array of shape {array.shape}")
-    if array.ndim == 1:
-        return tuple(float(c) for c in array)
-    return tuple(np.moveaxis(array, -1, 0))
-
-
-def _no_vector(name: str, given: str) -> InputError:
-    return input_error(
-        f"{name}: {given}",
-        "a real array (..., 3), or three arrays in a tuple, such as mi.Vector3f has",
-        "Components are on the last axis of NumPy arrays; np.stack([x, y, z], axis=-1) joins them.",
-    )

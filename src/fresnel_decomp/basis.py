@@ -1,14 +1,13 @@
-"""The basis: evaluate it, project indices of refraction onto it, and know its error."""
+"""The basis: evaluate it, project indices of refraction onto it, know its error, load it."""
 
 from __future__ import annotations
 
 import copy
 import functools
-import hashlib
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from types import MappingProxyType
@@ -16,19 +15,18 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ._array import drjit_module, is_drjit, one_kind, real_arrays
+from ._arguments import check_indices, one_kind, real_arrays
+from ._array import detached, drjit_module, is_drjit, ops_for, read_only
 from ._check import choose, input_error
+from ._coefficients import check_count, check_terms, evaluated, weighted_sum
 from ._files import write_json
-from ._version import __version__
 from .basis_table import BasisTable, Warp, tabulate_basis
-from .closed_form import ClosedForm, check_terms, fit_closed_form, read_only
-from .curves import CurveSet, error_cosines
-from .extraction import RECIPES, SIGN_RULE, Rule, extract
+from .closed_form import ClosedForm, fit_closed_form
+from .curves import error_cosines
 from .fresnel import conductor
-from .regression import Regression, regress
-from .regression_recipes import RegressionRecipe, training_for
+from .recipes import RECIPES
 
-__all__ = ["Basis", "FitError", "extract_basis", "load_basis"]
+__all__ = ["Basis", "FitErrors", "load_basis"]
 
 POOR_FIT_ERROR = {3: 0.23, 4: 0.12, 5: 0.12, 6: 0.12}
 """Largest error, by number of terms, above which a fit with eta < 1 is refused: what total internal
@@ -41,7 +39,7 @@ eta = 1, at grazing angles only, and the coefficients stay continuous across it.
 PoorFit = Literal["raise", "keep"]
 
 
-class FitError(NamedTuple):
+class FitErrors(NamedTuple):
     """Absolute error of fitted curves: arrays of the shape of the indices.
 
     max : over 4,150 angles, dense at grazing incidence (`curves.error_cosines`)
@@ -71,6 +69,11 @@ class Basis:
     shipped_form : ClosedForm or None
         The closed form that a loaded basis brings; see `closed_form`.
 
+    Raises
+    ------
+    InputError
+        For nodes, series and closed form that do not belong together, or are not finite.
+
     Examples
     --------
     >>> from fresnel_decomp import load_basis
@@ -87,6 +90,22 @@ class Basis:
     shipped_form: ClosedForm | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        nodes, series = np.asarray(self.nodes), np.asarray(self.series)
+        form = self.shipped_form
+        fits = series.ndim == 2 and nodes.shape == (len(series) - 1,)
+        if not fits or not (form is None or form.terms == self.terms):
+            raise input_error(
+                f"nodes of shape {nodes.shape}, series of shape {series.shape}"
+                + (f", a closed form of {form.terms} terms" if form else ""),
+                "(terms - 2,), (terms - 1, n), and as many terms",
+                "One node inside for each of b_2, b_3, ...",
+            )
+        if not (np.isfinite(series).all() and np.all((nodes > 0.0) & (nodes < np.pi / 2))):
+            raise input_error(
+                f"nodes {nodes.tolist()} with series up to {np.abs(series).max():g}",
+                "angles in (0, pi/2), in radians, and finite series",
+                "0 and pi/2 are always nodes.",
+            )
         # a loaded basis is shared by everyone who loads it
         object.__setattr__(self, "nodes", read_only(self.nodes))
         object.__setattr__(self, "series", read_only(self.series))
@@ -150,9 +169,10 @@ class Basis:
         `terms` arrays. Outside [0, 1], cosines are clamped.
         """
         if is_drjit(cos_theta):
-            dr = drjit_module()
-            assert dr is not None
-            x = 2.0 * dr.clip(cos_theta, 0.0, 1.0) - 1.0
+            select = ops_for(cos_theta).select
+            # selected and not clipped: at the ends of [0, 1] derivatives pass
+            inside = select(cos_theta < 0.0, 0.0, select(cos_theta > 1.0, 1.0, cos_theta))
+            x = 2.0 * inside - 1.0
             return (1.0 + 0.0 * x, *(_clenshaw(row, x) for row in self.series))
         x = 2.0 * np.clip(np.asarray(cos_theta, np.float64), 0.0, 1.0) - 1.0
         return np.stack([np.ones_like(x), *(_clenshaw(row, x) for row in self.series)], axis=-1)
@@ -166,18 +186,7 @@ class Basis:
         cos_theta : (...) float in [0, 1], broadcasts against the coefficients' leading axes
         """
         coefficients = check_terms(coefficients, cos_theta, self.terms)
-        drjit_input = is_drjit(cos_theta, *coefficients)
-        if drjit_input:
-            cos_theta, *coefficients = one_kind(cos_theta, *coefficients)
-        functions = self(cos_theta)
-        if drjit_input:
-            if not is_drjit(cos_theta):
-                functions = [float(value) for value in functions]
-            return sum(
-                (c * b for c, b in zip(coefficients[1:], functions[1:], strict=True)),
-                coefficients[0] * functions[0],
-            )
-        return (np.asarray(coefficients) * functions).sum(axis=-1)
+        return evaluated(self, coefficients, cos_theta)
 
     @functools.cached_property
     def node_matrix(self) -> np.ndarray:
@@ -212,7 +221,7 @@ class Basis:
         Raises
         ------
         InputError
-            If the number of node reflectances is not terms - 2.
+            If the number of node reflectances is not terms - 2, or shapes do not broadcast.
         """
         inverse, b1 = self._projection
         if is_drjit(f0, *(f_nodes if isinstance(f_nodes, list | tuple) else [f_nodes])):
@@ -220,17 +229,19 @@ class Basis:
             f0, *f_nodes = one_kind(f0, *f_nodes)
             f0 = f0 + 0.0 * f_nodes[0]
             rest = [f - f0 - (1.0 - f0) * float(b) for f, b in zip(f_nodes, b1, strict=True)]
-            interior = (
-                sum(
-                    (r * float(m) for r, m in zip(rest[1:], row[1:], strict=True)),
-                    rest[0] * float(row[0]),
-                )
-                for row in inverse
-            )
+            interior = (weighted_sum(rest, row) for row in inverse.tolist())
             return (f0, 1.0 - f0, *interior)
         f0 = np.asarray(f0, np.float64)
         f_nodes = np.asarray(f_nodes, np.float64)
         self._check_node_count(f_nodes.shape[-1] if f_nodes.ndim else 0)
+        try:
+            np.broadcast_shapes(f0.shape, f_nodes.shape[:-1])
+        except ValueError:
+            raise input_error(
+                f"f0 and f_nodes of shapes {f0.shape} and {f_nodes.shape}",
+                "(...) and (..., terms - 2)",
+                "Nodes are on the last axis.",
+            ) from None
         residual = f_nodes - f0[..., None] - (1.0 - f0[..., None]) * b1
         ends = np.stack([f0, 1.0 - f0], axis=-1)
         interior = residual @ inverse.T
@@ -276,7 +287,7 @@ class Basis:
             eta, k = (value.astype(np.float64) for value in real_arrays(eta=eta, k=k))
             plain = eta, k
         if plain is not None:
-            _check_indices(*plain)
+            check_indices(*plain)
             if poor_fit == "raise":
                 self._refuse_poor_fits(*plain)
         values = [conductor(float(np.cos(node)), eta, k) for node in (0.0, *self.nodes)]
@@ -296,8 +307,14 @@ class Basis:
         Returns
         -------
         (...) bool: eta < below, and either k = 0 or a largest error above `POOR_FIT_ERROR`
+
+        Raises
+        ------
+        InputError
+            For indices out of range.
         """
         eta, k = np.broadcast_arrays(np.asarray(eta, np.float64), np.asarray(k, np.float64))
+        check_indices(eta, k)
         poor = np.asarray((eta < below) & (k == 0.0))
         unsure = (eta < below) & (k > 0.0)
         if np.any(unsure):
@@ -320,7 +337,7 @@ class Basis:
                 "poor_fit='substitute').",
             )
 
-    def error(self, eta: Any, k: Any) -> FitError:
+    def error(self, eta: Any, k: Any) -> FitErrors:
         """Error of the fit against the exact curve, for each index of refraction.
 
         Parameters
@@ -329,11 +346,11 @@ class Basis:
 
         Returns
         -------
-        FitError of arrays of shape (...)
+        FitErrors of arrays of shape (...)
         """
         return self._error(eta, k, *error_cosines())
 
-    def _error(self, eta: Any, k: Any, everywhere: np.ndarray, uniform: np.ndarray) -> FitError:
+    def _error(self, eta: Any, k: Any, everywhere: np.ndarray, uniform: np.ndarray) -> FitErrors:
         eta, k = np.broadcast_arrays(np.asarray(eta, np.float64), np.asarray(k, np.float64))
         uniform_count = len(uniform)  # `everywhere` starts with the uniform points
         functions = self(everywhere)
@@ -345,7 +362,7 @@ class Basis:
             fit = self.coefficients(e[:, 0], kk[:, 0], poor_fit="keep") @ functions.T
             rows.append(_summary(np.abs(fit - conductor(everywhere, e, kk)), uniform_count))
         maximum, mean, rmse = np.concatenate(rows, axis=1).reshape(3, *eta.shape)
-        return FitError(maximum, mean, rmse)
+        return FitErrors(maximum, mean, rmse)
 
     def fit(self, cos_theta: Any, reflectance: Any) -> np.ndarray:
         """Least-squares coefficients of sampled curves, c_1 = 1 - c_0 kept.
@@ -362,7 +379,7 @@ class Basis:
         Raises
         ------
         InputError
-            If the shapes do not match or there are too few samples.
+            If the shapes do not match, samples are not finite, or there are too few of them.
         """
         cos_theta = np.asarray(cos_theta, np.float64)
         reflectance = np.asarray(reflectance, np.float64)
@@ -371,6 +388,10 @@ class Basis:
                 f"cosines of shape {cos_theta.shape}, reflectances of shape {reflectance.shape}",
                 "(m,) and (..., m)",
                 "Sample every curve at the same angles.",
+            )
+        if not (np.isfinite(cos_theta).all() and np.isfinite(reflectance).all()):
+            raise input_error(
+                "samples that are not finite", "finite cosines and reflectances", "Drop the others."
             )
         if len(cos_theta) < self.terms - 1:
             raise input_error(
@@ -425,25 +446,13 @@ class Basis:
 
 
 def _evaluated(eta: Any, k: Any) -> tuple[np.ndarray, np.ndarray] | None:
-    """The values of Dr.Jit arrays; None while Dr.Jit records, when there are none."""
+    """The values of Dr.Jit arrays; None while Dr.Jit records code that it does not run."""
     dr = drjit_module()
     assert dr is not None
     if dr.flag(dr.JitFlag.SymbolicScope):
         return None
-    eta, k = (np.array(dr.detach(v), np.float64) for v in (eta + 0.0 * k, k + 0.0 * eta))
+    eta, k = (np.asarray(detached(v), np.float64) for v in (eta + 0.0 * k, k + 0.0 * eta))
     return eta, k
-
-
-def _check_indices(eta: np.ndarray, k: np.ndarray) -> None:
-    bad = ~(np.isfinite(eta) & (eta > 0.0) & np.isfinite(k) & (k >= 0.0))
-    if np.any(bad):
-        at = tuple(np.argwhere(bad)[0].tolist())
-        pair = [float(np.broadcast_to(v, bad.shape)[at]) for v in (eta, k)]
-        raise input_error(
-            f"eta={pair[0]:g}, k={pair[1]:g}" + (f" at index {at}" if at else ""),
-            "finite eta > 0 and k >= 0",
-            "Absorbing media have k > 0 in the convention eta + i k.",
-        )
 
 
 def _summary(error: np.ndarray, uniform_count: int) -> np.ndarray:
@@ -468,7 +477,7 @@ def load_basis(recipe: str | os.PathLike[str] = "talk", terms: int | None = None
     Parameters
     ----------
     recipe : str or path
-        A name of `extraction.RECIPES`, or a file that `Basis.save` wrote (it ends in .json).
+        A name of `recipes.RECIPES`, or a file that `Basis.save` wrote (it ends in .json).
     terms : int in 3..6, optional
         b_0 = 1 included. By default 4, or what the file has.
 
@@ -487,10 +496,7 @@ def load_basis(recipe: str | os.PathLike[str] = "talk", terms: int | None = None
             )
         return basis
     choose("recipe", recipe, RECIPES)
-    terms = 4 if terms is None else terms
-    if terms not in (3, 4, 5, 6):
-        raise input_error(f"terms={terms!r}", "3, 4, 5 or 6", "Four terms fit one RGBA table.")
-    return _load(recipe, int(terms))
+    return _load(recipe, 4 if terms is None else check_count(terms))
 
 
 @functools.cache
@@ -509,141 +515,3 @@ def _from_file(path: Path) -> Basis:
             "a .json file that Basis.save wrote",
             f"Shipped ones have names: {', '.join(RECIPES)}.",
         ) from error
-
-
-def extract_basis(
-    training: CurveSet | str = "talk",
-    terms: int = 4,
-    *,
-    rule: Rule | None = None,
-    nodes: Sequence[float] | None = None,
-    grid: int | None = None,
-) -> Basis:
-    """Extract a basis from exact curves; under a second for 1,000 curves at 1,000 cosines.
-
-    Recipes by constrained regression take some seconds more, for their 19,593 curves.
-
-    Parameters
-    ----------
-    training : str or CurveSet
-        The name of a recipe, which fixes rule, nodes and grid; or a user's own set.
-    terms : int in 3..6
-    rule, nodes, grid
-        For a user's own set only; see `extraction.extract` (default "deflation", no given nodes,
-        1,000 cosines).
-
-    Raises
-    ------
-    InputError
-        For an unknown recipe, and as `extraction.extract`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from fresnel_decomp import CurveSet, extract_basis
-    >>> metals = CurveSet("mine", np.linspace(0.2, 3.0, 40), np.linspace(6.0, 2.0, 40))
-    >>> extract_basis(metals, terms=3).terms
-    3
-    """
-    name = "custom"
-    if isinstance(training, str):
-        name = choose("recipe", training, RECIPES)
-        if (rule, nodes, grid) != (None, None, None):
-            raise input_error(
-                f"recipe '{name}' with a rule, nodes or a grid of your own",
-                "a recipe's name alone, or a CurveSet with these options",
-                f"Its curves are RECIPES['{name}'].training().",
-            )
-        recipe = RECIPES[name]
-        if isinstance(recipe, RegressionRecipe):
-            return _regressed(name, recipe, terms)
-        training, rule, nodes, grid = recipe.training(), recipe.rule, recipe.nodes, recipe.grid
-    elif not isinstance(training, CurveSet):
-        raise input_error(
-            f"a training set of type {type(training).__name__}",
-            "a recipe's name or a CurveSet",
-            "Make one of your indices: CurveSet('mine', eta, k).",
-        )
-    rule, nodes, grid = rule or "deflation", nodes or (), 1000 if grid is None else grid
-    extraction = extract(training, terms, rule, nodes, grid)
-    series = _chebyshev(extraction.functions)
-    provenance = {
-        "recipe": name,
-        "terms": terms,
-        "training_set": training.name,
-        "training_curves": len(training),
-        "training_sha256": training.sha256,
-        "grid": f"{grid} cosines, uniform on [0, 1]",
-        "rule": rule,
-        "sign_rule": SIGN_RULE,
-        "given_nodes": [float(node) for node in nodes][: terms - 2],
-        "versions": {"fresnel_decomp": __version__, "numpy": np.__version__},
-        "sha256": _hash(series),
-    }
-    return Basis(name, extraction.nodes, series, provenance)
-
-
-def _regressed(name: str, recipe: RegressionRecipe, terms: int) -> Basis:
-    """The basis of a recipe by constrained regression, with its closed form."""
-    import scipy
-
-    if terms not in (3, 4, 5, 6):
-        raise input_error(f"terms={terms!r}", "3, 4, 5 or 6", "Four terms fit one RGBA table.")
-    design = recipe.designs[terms]
-    training = training_for(recipe.objective)
-    regression = regress(training, design, recipe.weights)
-    series = _chebyshev(regression.functions, 1e-13)
-    curves = recipe.training()
-    provenance = {
-        "recipe": name,
-        "terms": terms,
-        "training_set": curves.name,
-        "training_curves": len(curves),
-        "training_sha256": curves.sha256,
-        "sets_sha256": {key: members.sha256 for key, members in training.sets.items()},
-        "grid": f"{len(training.cos_theta)} cosines, dense at grazing incidence",
-        "rule": "regression",
-        "sign_rule": SIGN_RULE,
-        "given_nodes": list(design.nodes),
-        "pole": design.pole,
-        "degrees": list(design.degrees),
-        "objective": recipe.objective._asdict(),
-        "weights": dict(recipe.weights),
-        "bounds": dict(design.bounds),
-        "versions": {
-            "fresnel_decomp": __version__,
-            "numpy": np.__version__,
-            "scipy": scipy.__version__,
-        },
-        "sha256": _hash(series),
-    }
-    form = _with_error(regression, series)
-    return Basis(name, regression.nodes, series, provenance, form)
-
-
-def _with_error(regression: Regression, series: np.ndarray) -> ClosedForm:
-    """The rationals of a regression, and how far the series is from them: rounding."""
-    cos_theta = np.linspace(0.0, 1.0, 1501) ** 2
-    values = np.polynomial.chebyshev.chebval(2.0 * cos_theta - 1.0, series.T).T
-    error = float(np.abs(regression.functions(cos_theta) - values).max())
-    return replace(regression.form, error=error)
-
-
-def _hash(series: np.ndarray) -> str:
-    return hashlib.sha256(np.round(series, 12).astype("<f8").tobytes()).hexdigest()
-
-
-def _chebyshev(
-    functions: Callable[[np.ndarray], np.ndarray], tolerance: float = 1e-12
-) -> np.ndarray:
-    """(terms - 1, n) Chebyshev coefficients in 2 cos_theta - 1, of the least sufficient length."""
-    for size in (64, 128, 256, 512, 1024):
-        x = np.cos(np.pi * (np.arange(size) + 0.5) / size)
-        values = functions((x + 1.0) / 2.0)
-        angles = np.pi * np.outer(np.arange(size), np.arange(size) + 0.5) / size
-        series = (2.0 / size * np.cos(angles) @ values).T
-        series[:, 0] /= 2.0
-        significant = np.flatnonzero(np.abs(series).max(axis=0) > tolerance)
-        if significant[-1] < size - 8:
-            return series[:, : significant[-1] + 1]
-    return series

@@ -9,9 +9,6 @@ angle needs more than the cosine.
 The derivative of a warped interpolant is infinite at cos_theta = 0, that of the functions is not.
 What is attached to Dr.Jit arrays is therefore the slope of the chord of each interval *in the
 cosine*: finite everywhere, and as accurate as a table of this size allows.
-
-`fast_curves.FastCurves` is the other tabulated basis, for the inner loops of integrals: one size,
-float64, any callable, and nothing clamped.
 """
 
 from __future__ import annotations
@@ -22,9 +19,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ._array import drjit_constant, drjit_module, is_drjit, one_kind
+from ._arguments import one_kind
+from ._array import drjit_constant, drjit_module, is_drjit, read_only
 from ._check import choose, input_error
-from .closed_form import check_terms, read_only
+from ._coefficients import check_terms, weighted_sum
 
 __all__ = ["WARPS", "BasisTable", "Warp", "tabulate_basis"]
 
@@ -105,10 +103,8 @@ class BasisTable:
         functions = self(cos_theta)
         if not is_drjit(cos_theta):
             functions = [float(value) for value in functions]
-        total = coefficients[0]
-        for coefficient, function in zip(coefficients[1:], functions[1:], strict=True):
-            total = total + coefficient * function
-        return total
+        # the first is 1: not multiplied with
+        return weighted_sum(coefficients, (1.0, *functions[1:]))
 
     def _drjit(self, cos_theta: Any) -> tuple[Any, ...]:
         dr = drjit_module()

@@ -17,8 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from ._array import is_drjit, multiply_add, one_kind, polynomial
+from ._arguments import one_kind
+from ._array import is_drjit, multiply_add, polynomial, read_only
 from ._check import input_error
+from ._coefficients import check_terms
 
 __all__ = ["ClosedForm", "fit_closed_form"]
 
@@ -86,46 +88,6 @@ class ClosedForm:
             # the basis first, which all channels of a colour share
             total = multiply_add(coefficient, scale * polynomial(row, cos_theta), total)
         return total
-
-
-def read_only(array: Any) -> np.ndarray:
-    """A float64 copy that cannot be written to."""
-    copy = np.array(array, np.float64)
-    copy.flags.writeable = False
-    return copy
-
-
-def check_terms(coefficients: Any, cos_theta: Any, terms: int) -> Any:
-    """`coefficients` if they have `terms` entries and broadcast; NumPy input as an array."""
-    drjit_input = is_drjit(cos_theta, coefficients) or (
-        isinstance(coefficients, list | tuple) and is_drjit(*coefficients)
-    )
-    if drjit_input:
-        given: Any = len(coefficients) if hasattr(coefficients, "__len__") else "no sequence"
-        if given != "no sequence":
-            one_kind(cos_theta, *coefficients)
-        fits = given == terms
-    else:
-        coefficients = np.asarray(coefficients)
-        given = f"shape {coefficients.shape}"
-        fits = coefficients.shape[-1:] == (terms,)
-    if not fits:
-        raise input_error(
-            f"coefficients: {given}",
-            f"{terms} of them" if drjit_input else f"an array of shape (..., {terms})",
-            f"The basis has {terms} terms.",
-        )
-    if not drjit_input:
-        try:
-            np.broadcast_shapes(coefficients.shape[:-1], np.shape(cos_theta))
-        except ValueError:
-            raise input_error(
-                f"coefficients of shape {coefficients.shape}, cosines of shape "
-                f"{np.shape(cos_theta)}",
-                "leading axes that broadcast with the cosines",
-                "To evaluate every curve at every angle: coefficients[:, None].",
-            ) from None
-    return coefficients
 
 
 def fit_closed_form(

@@ -26,11 +26,12 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ._array import drjit_module, is_drjit, ops_for
-from ._check import choose, input_error
+from ._arguments import without_axes
+from ._array import detached, drjit_module, is_drjit, is_recording, ops_for
+from ._check import choose, input_error, is_real
+from ._edge_tint import TOLERANCE, edge_tint
 from ._schlick import schlick
 from .basis import Basis, load_basis
-from .fresnel import conductor
 from .models import F82, Decomposition, Exact, Gulbrandsen, Model
 from .parametrization import F82_COSINE, gulbrandsen_to_ior, ior_to_gulbrandsen
 from .representations import DIELECTRIC_F0, LinearTint, MetallicBase, NodeColours, tint_ends
@@ -50,9 +51,6 @@ TARGETS = (
 
 LARGEST_R = 1.0 - 1e-5
 """What stands for a reflectivity of 1 or more, which has no finite index of refraction."""
-
-TOLERANCE = 1e-6
-"""How far out of its range a parameter may be for a rounding error."""
 
 NoCounterpart = Literal["raise", "nearest"]
 
@@ -147,9 +145,9 @@ def convert(
     _check_model(source)
     choose("to", to, TARGETS)
     choose("no_counterpart", no_counterpart, ("raise", "nearest"))
-    if not 0.0 < metallic <= 1.0:
+    if not (is_real(metallic, 0.0, 1.0) and metallic > 0.0):
         raise input_error(
-            f"metallic={metallic:g}", "a number in (0, 1]", "At 0 the base colour says nothing."
+            f"metallic={metallic!r}", "a number in (0, 1]", "At 0 the base colour says nothing."
         )
     if basis is None:
         basis = getattr(source, "basis", None) or load_basis()
@@ -174,7 +172,7 @@ def convert(
     moved: Any = False
     for _, where, _ in moves:
         moved = where | moved
-    return Converted(value, None if _recording() else loss(source, value), moved)
+    return Converted(value, None if is_recording() else loss(source, value), moved)
 
 
 def loss(source: Model, value: Model) -> Loss:
@@ -235,7 +233,7 @@ def _gulbrandsen(source: Any, basis: Basis) -> tuple[Gulbrandsen, _Moves]:
         moves = [("|eta + i k| < 1", g > 1.0 + TOLERANCE, "Take 'coefficients'")]
         return Gulbrandsen(_clip(r, 0.0, LARGEST_R), _clip(g, 0.0, 1.0)), moves
     r, moves = _reflectivity(source(1.0))
-    g, beyond = _edge_tint(r, source(F82_COSINE))
+    g, beyond = edge_tint(r, source(F82_COSINE))
     moves.append(
         ("a reflectance at cos = 1/7 beyond g = 0 or g = 1", beyond, "Take 'coefficients'")
     )
@@ -260,7 +258,7 @@ def _linear_tint(source: Any, basis: Basis) -> tuple[LinearTint, _Moves]:
     beta = ops.select(known, beta, 0.0)
     beyond = (beta < -TOLERANCE) | (beta > 1.0 + TOLERANCE)
     moves += [*more, ("a curve beyond g = 0 or g = 1", beyond, "Take 'coefficients'")]
-    return LinearTint(r, _plain(_clip(beta, 0.0, 1.0)), basis), moves
+    return LinearTint(r, _clip(beta, 0.0, 1.0), basis), moves
 
 
 def _f82(source: Any, basis: Basis) -> tuple[F82, _Moves]:
@@ -307,7 +305,7 @@ def _metallic_base(source: Any, metallic: float) -> tuple[MetallicBase, _Moves]:
 
 
 def _poor_fit(source: Any, basis: Basis) -> _Moves:
-    if not isinstance(source, Exact) or _recording():
+    if not isinstance(source, Exact) or is_recording():
         return []
     exact = _in_numpy(source)
     where = basis.poor_fit(exact.eta, exact.k)
@@ -317,51 +315,7 @@ def _poor_fit(source: Any, basis: Basis) -> _Moves:
 def _reflectivity(f0: Any) -> tuple[Any, _Moves]:
     beyond = (f0 >= 1.0) | (f0 < 0.0)
     moves: _Moves = [("F0 outside [0, 1)", beyond, "Take 'coefficients' or 'nodes'")]
-    return _plain(_clip(f0, 0.0, LARGEST_R)), moves
-
-
-def _edge_tint(r: Any, f82: Any) -> tuple[Any, Any]:
-    """g for which the exact curve of reflectivity r passes `f82`; where there is none."""
-    if _recording():
-        raise input_error(
-            "a conversion to (r, g) or (eta, k) while Dr.Jit records",
-            "one outside of symbolic loops and recorded functions",
-            "Convert before.",
-        )
-    r_value, target = (np.asarray(_detached(x), np.float64) for x in (r, f82))
-    r_value, target = np.broadcast_arrays(r_value, target)
-    low, high = np.zeros(r_value.shape), np.ones(r_value.shape)
-    ends = [_reflectance_at_82(r_value, g) for g in (low, high)]
-    for _ in range(60):  # bisection: the reflectance rises with g, and very unevenly
-        middle = 0.5 * (low + high)
-        below = _reflectance_at_82(r_value, middle) < target
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
-    g = np.where(target <= ends[0], 0.0, np.where(target >= ends[1], 1.0, 0.5 * (low + high)))
-    beyond = (target < ends[0] - TOLERANCE) | (target > ends[1] + TOLERANCE)
-    if not is_drjit(r, f82):
-        return _plain(g[()]), beyond[()]
-    return _attached(r, f82, g, ends), beyond
-
-
-def _attached(r: Any, f82: Any, g: np.ndarray, ends: list[np.ndarray]) -> Any:
-    """The solution as a Dr.Jit array with the derivatives of the implicit function."""
-    dr = drjit_module()
-    assert dr is not None
-    array = type(r + f82)
-    r_value = np.broadcast_to(np.asarray(_detached(r), np.float64), g.shape)
-    h = 1e-6
-    a, b = np.maximum(g - h, 0.0), np.minimum(g + h, 1.0)
-    slope = (_reflectance_at_82(r_value, b) - _reflectance_at_82(r_value, a)) / (b - a)
-    free = (g > 0.0) & (g < 1.0) & (slope > 0.0)
-    inverse = array(np.where(free, 1.0 / np.where(free, slope, 1.0), 0.0))
-    solution = array(g)
-    missing = f82 - conductor(F82_COSINE, *gulbrandsen_to_ior(r, solution))
-    # a step of Newton's that is zero in value
-    return solution + inverse * (missing - dr.detach(missing))
-
-
-def _reflectance_at_82(r: np.ndarray, g: np.ndarray) -> np.ndarray:
-    return np.asarray(conductor(F82_COSINE, *gulbrandsen_to_ior(np.asarray(r), np.asarray(g))))
+    return _clip(f0, 0.0, LARGEST_R), moves
 
 
 def _gram(basis: Basis) -> np.ndarray:
@@ -371,9 +325,7 @@ def _gram(basis: Basis) -> np.ndarray:
 
 
 def _inner(gram: np.ndarray, a: list[Any], b: list[Any]) -> Any:
-    return sum(
-        float(gram[i, j]) * (x * y) for i, x in enumerate(a) for j, y in enumerate(b)
-    )  # fmt: skip
+    return sum(float(gram[i, j]) * (x * y) for i, x in enumerate(a) for j, y in enumerate(b))
 
 
 def _columns(coefficients: Any) -> list[Any]:
@@ -390,38 +342,13 @@ def _clip(value: Any, low: float, high: float) -> Any:
         assert dr is not None
         # not dr.clip: it has no gradient at the ends themselves
         return dr.select(value < low, low, dr.select(value > high, high, value))
-    return _plain(np.clip(value, low, high))
-
-
-def _plain(value: Any) -> Any:
-    """A NumPy scalar as a Python float, so that it can stand beside anything."""
-    return float(value) if not is_drjit(value) and np.ndim(value) == 0 else value
+    return without_axes(np.clip(value, low, high), True)
 
 
 def _any(where: Any) -> bool:
-    if is_drjit(where):
-        if _recording():
-            return False
-        dr = drjit_module()
-        assert dr is not None
-        return bool(np.any(np.array(dr.detach(where))))
-    return bool(np.any(where))
-
-
-def _recording() -> bool:
-    """Whether Dr.Jit records code without running it: then there are no values to look at."""
-    dr = drjit_module()
-    return dr is not None and any(
-        dr.flag(flag) for flag in (dr.JitFlag.SymbolicScope, dr.JitFlag.FreezingScope)
-    )
-
-
-def _detached(value: Any) -> Any:
-    if not is_drjit(value):
-        return value
-    dr = drjit_module()
-    assert dr is not None
-    return np.array(dr.detach(value))
+    if is_drjit(where) and is_recording():
+        return False
+    return bool(np.any(detached(where)))
 
 
 def _check_model(model: Any) -> None:
@@ -448,10 +375,10 @@ def _in_numpy(model: Any) -> Any:
         value = getattr(model, field.name)
         if isinstance(value, tuple | list) and is_drjit(*value):
             changed[field.name] = np.stack(
-                np.broadcast_arrays(*(np.asarray(_detached(x), np.float64) for x in value)), axis=-1
+                np.broadcast_arrays(*(np.asarray(detached(x), np.float64) for x in value)), axis=-1
             )
         elif is_drjit(value):
-            changed[field.name] = np.asarray(_detached(value), np.float64)
+            changed[field.name] = np.asarray(detached(value), np.float64)
         elif isinstance(value, list | np.ndarray):
             changed[field.name] = np.asarray(value, np.float64)
     return type(model)(

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from ._arguments import check_indices
 from ._check import input_error
 from .fresnel import conductor, transmittance
 from .parametrization import gulbrandsen_to_ior
 
 __all__ = [
+    "SETS",
     "CurveSet",
     "dielectrics",
     "error_cosines",
@@ -52,13 +54,7 @@ class CurveSet:
                 "two arrays of the same shape (n,)",
                 "Flatten them after broadcasting: numpy.broadcast_arrays(eta, k).",
             )
-        bad = np.flatnonzero(~(np.isfinite(eta) & (eta > 0.0) & np.isfinite(k) & (k >= 0.0)))
-        if bad.size:
-            raise input_error(
-                f"eta={eta[bad[0]]:g}, k={k[bad[0]]:g} at curve {bad[0]}",
-                "finite eta > 0 and k >= 0",
-                "Remove invalid indices.",
-            )
+        check_indices(eta, k, "curve")
         object.__setattr__(self, "eta", eta)
         object.__setattr__(self, "k", k)
 
@@ -164,6 +160,15 @@ def measured_metals(names: Collection[str] | None = None) -> CurveSet:
         rows.append(np.stack(material.at(wavelength[measured])))
     eta, k = np.concatenate(rows, axis=1)
     return CurveSet("d", eta, k)
+
+
+SETS: dict[str, Callable[[], CurveSet]] = {
+    "a": dielectrics,
+    "cp": gulbrandsen_grid,
+    "d": measured_metals,
+    "low": low_index_corner,
+}
+"""What every model is judged on, by name."""
 
 
 def error_cosines() -> tuple[np.ndarray, np.ndarray]:

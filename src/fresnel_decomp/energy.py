@@ -38,10 +38,11 @@ from typing import Any
 
 import numpy as np
 
-from ._array import is_drjit, one_kind, ops_for
+from ._array import is_drjit, ops_for
 from ._check import input_error
+from ._coefficients import check_terms, weighted_sum
+from ._lobe_rule import unit_gauss
 from .albedo import average_fresnel
-from .closed_form import check_terms
 from .microfacet import Distribution, Smith
 from .table import AlbedoTable
 from .table_layout import Layout
@@ -278,7 +279,7 @@ class EnergyTable:
         (...) float or a Dr.Jit array
         """
         coefficients = check_terms(coefficients, 0.0, self.table.terms)
-        return weighted(coefficients, tuple(float(value) for value in self.averages))
+        return weighted_sum(coefficients, tuple(float(value) for value in self.averages))
 
     def factor(self, coefficients: Any, alpha: Any) -> Any:
         """K, the share of the lost light that gets out, over F_1 of the view.
@@ -296,7 +297,7 @@ class EnergyTable:
         coefficients = check_terms(coefficients, alpha, self.table.terms)
         rows = self.losses.lookup(alpha, alpha)  # equal columns: mu does not matter
         loss, *ratios = rows if is_drjit(alpha) else np.moveaxis(rows, -1, 0)
-        last = weighted(coefficients, (1.0, *ratios))
+        last = weighted_sum(coefficients, (1.0, *ratios))
         return last * gain(self.average_fresnel(coefficients), loss)
 
     def albedo(self, coefficients: Any, mu: Any, alpha: Any) -> Any:
@@ -316,29 +317,18 @@ class EnergyTable:
         functions = self.table.lookup(mu, alpha)
         if not is_drjit(mu, alpha):
             functions = np.moveaxis(functions, -1, 0)
-        single = weighted(coefficients, functions)
+        single = weighted_sum(coefficients, functions)
         return single * scaling(functions[0], self.factor(coefficients, alpha))
-
-
-def weighted(coefficients: Any, functions: Any) -> Any:
-    """sum_j c_j f_j, for coefficients (..., terms) of NumPy or a sequence, and a sequence f."""
-    if isinstance(coefficients, np.ndarray):
-        coefficients = np.moveaxis(coefficients, -1, 0)
-    total: Any = None
-    for c, f in zip(coefficients, functions, strict=True):
-        c, f = one_kind(c, f)
-        total = c * f if total is None else total + c * f
-    return total
 
 
 def _averaged(table: AlbedoTable, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(n,) averages of 1 - E and (n, terms) of (bbar_j / E)(1 - E), for (n,) roughnesses."""
-    x, weight = np.polynomial.legendre.leggauss(_NODES)
+    part, weight = unit_gauss(_NODES)
     # between nodes the table is linear in the default axis, sqrt(mu)
     edges = np.unique(np.concatenate([[0.0], np.sqrt(table.layout.mu), [1.0]]))
     step = np.diff(edges)[:, None]
-    root = (edges[:-1, None] + step * 0.5 * (x + 1.0)).ravel()
-    weight = (0.5 * step * weight).ravel() * 4.0 * root**3
+    root = (edges[:-1, None] + step * part).ravel()
+    weight = (step * weight).ravel() * 4.0 * root**3
     values = table.lookup((root * root)[:, None], alpha[None, :])
     white = values[..., 0]
     share = missing(white) / white

@@ -1,227 +1,173 @@
-r"""From a set of exact curves to a basis: the talk's iterative SVD, and the notebook's variant.
+"""From exact curves to a `Basis`, by a recipe or from curves of one's own.
 
-With F the (n, m) matrix of training curves on a grid uniform in cosine, both rules start from
-
-    b_0 = 1,   b_1 = first right singular vector of (F - F0) / (1 - F0), over its value at grazing
-                     incidence, where all these curves are 1 (and most have their maximum).
-
-*deflation* (the talk's Eq. 6): from the residual F - F0 - (1 - F0) b_1 take the first right
-singular vector b_2, fix its scale, fit every row's coefficient at one node, subtract, repeat.
-Later vectors are made to vanish at earlier nodes by construction, so the node system is triangular.
-
-*joint*: subtract b_1 from the rescaled curves and take all further vectors from one SVD.
-
-A singular vector is a linear combination of training curves, so off the grid a basis function is
-that same combination of exact curves evaluated there. Signs and scales of the others are fixed by
-one rule: each function is divided by its value of largest magnitude on the grid, so that it peaks
-at +1.
+Whatever the way, singular vectors (`singular_vectors`) or constrained regression (`regression`),
+functions are kept as Chebyshev series and the basis says where it came from.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ._check import choose, input_error
-from .curves import CurveSet, notebook_training_set, talk_training_set
-from .regression_recipes import REGRESSION_RECIPES, RegressionRecipe
+from ._coefficients import check_count
+from ._version import __version__
+from .basis import Basis
+from .curves import CurveSet
+from .recipes import RECIPES
+from .regression import regress
+from .regression_recipes import RegressionRecipe, training_for
+from .singular_vectors import SIGN_RULE, Rule, extract
 
-__all__ = ["RECIPES", "SIGN_RULE", "SVD_RECIPES", "Extraction", "Recipe", "extract"]
+__all__ = ["extract_basis"]
 
-SIGN_RULE = "each function is divided by its value of largest magnitude on the grid: it peaks at +1"
-
-Rule = Literal["deflation", "joint"]
-
-NEGLIGIBLE = 1e-10
-"""Magnitude of residuals that are taken for rounding errors."""
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """A named, reproducible way to a basis by singular vectors.
-
-    Attributes
-    ----------
-    training : callable returning the `CurveSet`
-    rule : "deflation" or "joint"
-    nodes : interior nodes in radians, the first `terms - 2` of which are used; where they run out,
-        the rule's own choice follows
-    grid : number of training cosines, uniform on [0, 1]
-    summary : one line
-    """
-
-    training: Callable[[], CurveSet]
-    rule: Rule
-    nodes: tuple[float, ...]
-    summary: str
-    grid: int = 1000
+SERIES_ERROR = 1e-4
+"""What series of 1,024 terms may err by, for curves with n next to 1; as much as closed forms."""
 
 
-SVD_RECIPES = {
-    "talk": Recipe(
-        talk_training_set,
-        "deflation",
-        (1.45, 1.31),
-        "the talk's Eq. 6, coefficients fitted at its published nodes",
-    ),
-    "notebook": Recipe(
-        notebook_training_set,
-        "joint",
-        (),
-        "the procedure of the authors' published notebook, nodes included",
-    ),
-}
+def extract_basis(
+    training: CurveSet | str = "talk",
+    terms: int = 4,
+    *,
+    rule: Rule | None = None,
+    nodes: Sequence[float] | None = None,
+    grid: int | None = None,
+) -> Basis:
+    """Extract a basis from exact curves; under a second for 1,000 curves at 1,000 cosines.
 
-RECIPES: dict[str, Recipe | RegressionRecipe] = {**SVD_RECIPES, **REGRESSION_RECIPES}
-"""All recipes that ship: those by singular vectors, and those by constrained regression."""
-
-
-@dataclass(frozen=True, eq=False)
-class Extraction:
-    """Basis functions as linear combinations of training curves.
-
-    Attributes
-    ----------
-    training : CurveSet
-    nodes : (terms - 2,) interior nodes in radians
-    weights : (terms - 1, n) weights of the curves' residuals, see `functions`
-    fitted : (terms - 2, n) coefficients c_2... of each training curve that were subtracted before
-        the next function was taken (zeros for the joint rule)
-    rescaled : whether b_2... combine rescaled curves (joint) or reflectances (deflation)
-    """
-
-    training: CurveSet
-    nodes: np.ndarray
-    weights: np.ndarray
-    fitted: np.ndarray
-    rescaled: bool
-
-    def functions(self, cos_theta: np.ndarray) -> np.ndarray:
-        """(m, terms - 1): b_1, b_2, ... at any (m,) cosines, exactly as extracted."""
-        residual = self.training.rescaled(cos_theta)
-        functions = [self.weights[0] @ residual]
-        residual -= functions[0]
-        if not self.rescaled:
-            residual *= self.training.t0
-        for weights, fitted in zip(self.weights[1:], self.fitted, strict=True):
-            functions.append(weights @ residual)
-            residual -= fitted[:, None] * functions[-1]
-        return np.stack(functions, axis=-1)
-
-
-def extract(
-    training: CurveSet,
-    terms: int,
-    rule: Rule = "deflation",
-    nodes: Sequence[float] = (),
-    grid: int = 1000,
-) -> Extraction:
-    """Extract `terms` basis functions (b_0 = 1 included) from a set of curves.
+    Recipes by constrained regression take some seconds more, for their 19,593 curves.
 
     Parameters
     ----------
-    training : CurveSet of n curves
+    training : str or CurveSet
+        The name of a recipe, which fixes rule, nodes and grid; or a user's own set.
     terms : int in 3..6
-    rule : "deflation" or "joint"
-    nodes : up to terms - 2 floats in (0, pi/2)
-        Interior nodes; the rest are chosen. By deflation: where the new function peaks. Jointly:
-        the first at the maximum of b_2; the second at b_3's maximum or minimum, whichever is
-        farther on the grid from the first; later ones where the new function differs most from
-        its interpolant at the nodes so far (Barrault et al. 2004), which conditions the system.
-    grid : number of cosines, uniform on [0, 1]
+    rule, nodes, grid
+        For a user's own set only; see `singular_vectors.extract` (default "deflation", no given
+        nodes, 1,000 cosines).
 
     Raises
     ------
     InputError
-        For too few or too similar curves, terms outside 3..6, or nodes outside (0, pi/2) or
-        repeated.
+        For an unknown recipe, curves with kinks, and as `singular_vectors.extract`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fresnel_decomp import CurveSet, extract_basis
+    >>> metals = CurveSet("mine", np.linspace(0.2, 3.0, 40), np.linspace(6.0, 2.0, 40))
+    >>> extract_basis(metals, terms=3).terms
+    3
     """
-    choose("rule", rule, ("deflation", "joint"))
-    if terms not in (3, 4, 5, 6):
-        raise input_error(f"terms={terms}", "3, 4, 5 or 6", "Four terms fit one RGBA table.")
-    nodes = [float(node) for node in nodes][: terms - 2]
-    if not all(0.0 < node < np.pi / 2 for node in nodes) or len(set(nodes)) < len(nodes):
+    terms = check_count(terms)
+    name = "custom"
+    if isinstance(training, str):
+        name = choose("recipe", training, RECIPES)
+        if (rule, nodes, grid) != (None, None, None):
+            raise input_error(
+                f"recipe '{name}' with a rule, nodes or a grid of your own",
+                "a recipe's name alone, or a CurveSet with these options",
+                f"Its curves are RECIPES['{name}'].training().",
+            )
+        recipe = RECIPES[name]
+        if isinstance(recipe, RegressionRecipe):
+            return _regressed(name, recipe, terms)
+        training, rule, nodes, grid = recipe.training(), recipe.rule, recipe.nodes, recipe.grid
+    elif not isinstance(training, CurveSet):
         raise input_error(
-            f"nodes {nodes}",
-            "different angles in (0, pi/2), in radians",
-            "0 and pi/2 are always used.",
+            f"a training set of type {type(training).__name__}",
+            "a recipe's name or a CurveSet",
+            "Make one of your indices: CurveSet('mine', eta, k).",
         )
-    if len(training) < terms:
+    rule, nodes, grid = rule or "deflation", nodes or (), 1000 if grid is None else grid
+    extraction = extract(training, terms, rule, nodes, grid)
+    series = _chebyshev(extraction.functions)
+    provenance = {
+        "recipe": name,
+        "terms": terms,
+        "training_set": training.name,
+        "training_curves": len(training),
+        "training_sha256": training.sha256,
+        "grid": f"{grid} cosines, uniform on [0, 1]",
+        "rule": rule,
+        "sign_rule": SIGN_RULE,
+        "given_nodes": [float(node) for node in nodes][: terms - 2],
+        **_made(series),
+    }
+    return Basis(name, extraction.nodes, series, provenance)
+
+
+def _regressed(name: str, recipe: RegressionRecipe, terms: int) -> Basis:
+    """The basis of a recipe by constrained regression, with its closed form."""
+    import scipy
+
+    design = recipe.designs[terms]
+    training = training_for(recipe.objective)
+    regression = regress(training, design, recipe.weights)
+    series = _chebyshev(regression.functions, 1e-13)
+    curves = recipe.training()
+    provenance = {
+        "recipe": name,
+        "terms": terms,
+        "training_set": curves.name,
+        "training_curves": len(curves),
+        "training_sha256": curves.sha256,
+        "sets_sha256": {key: members.sha256 for key, members in training.sets.items()},
+        "grid": f"{len(training.cos_theta)} cosines, dense at grazing incidence",
+        "rule": "regression",
+        "sign_rule": SIGN_RULE,
+        "given_nodes": list(design.nodes),
+        "pole": design.pole,
+        "degrees": list(design.degrees),
+        "objective": recipe.objective._asdict(),
+        "weights": dict(recipe.weights),
+        "bounds": dict(design.bounds),
+        **_made(series, scipy=scipy.__version__),
+    }
+    # the rationals are exact: what they are off by from the series is its rounding
+    form = replace(regression.form, error=_series_error(regression.functions, series))
+    return Basis(name, regression.nodes, series, provenance, form)
+
+
+def _series_error(functions: Callable[[np.ndarray], np.ndarray], series: np.ndarray) -> float:
+    """Largest distance between functions and their series, dense at grazing incidence."""
+    cos_theta = np.linspace(0.0, 1.0, 1501) ** 2
+    values = np.polynomial.chebyshev.chebval(2.0 * cos_theta - 1.0, series.T).T
+    return float(np.abs(functions(cos_theta) - values).max())
+
+
+def _made(series: np.ndarray, **versions: str) -> dict[str, Any]:
+    """With what a basis was made, and the hash by which it is known."""
+    rounded = np.round(series, 12).astype("<f8").tobytes()
+    return {
+        "versions": {"fresnel_decomp": __version__, "numpy": np.__version__, **versions},
+        "sha256": hashlib.sha256(rounded).hexdigest(),
+    }
+
+
+def _chebyshev(
+    functions: Callable[[np.ndarray], np.ndarray], tolerance: float = 1e-12
+) -> np.ndarray:
+    """(terms - 1, n) Chebyshev coefficients in 2 cos_theta - 1, of the least sufficient length."""
+    for size in (64, 128, 256, 512, 1024):
+        x = np.cos(np.pi * (np.arange(size) + 0.5) / size)
+        values = functions((x + 1.0) / 2.0)
+        angles = np.pi * np.outer(np.arange(size), np.arange(size) + 0.5) / size
+        series = (2.0 / size * np.cos(angles) @ values).T
+        series[:, 0] /= 2.0
+        significant = np.flatnonzero(np.abs(series).max(axis=0) > tolerance)
+        if significant[-1] < size - 8:
+            return series[:, : significant[-1] + 1]
+    error = _series_error(functions, series)
+    if error > SERIES_ERROR:
         raise input_error(
-            f"{len(training)} training curves for {terms} terms",
-            "at least as many curves as terms",
-            "Add materials to the training set.",
+            f"a training set whose functions have kinks (their series errs by {error:.2g})",
+            "curves that are smooth on [0, 1]",
+            "Leave out eta < 1 with little absorption, whose total internal reflection no linear "
+            "basis follows.",
         )
-    if grid < 4 * terms:
-        raise input_error(
-            f"grid={grid}", f"at least {4 * terms} cosines for {terms} terms", "1,000 are usual."
-        )
-    # given nodes ride along as extra columns that the SVD does not see
-    cos_theta = np.append(np.linspace(0.0, 1.0, grid), np.cos(nodes))
-    residual = training.rescaled(cos_theta)
-    weights = _leading(residual[:, :grid], 1)
-    # where metals dip below F0 deeply, b_1 has its largest magnitude there
-    weights = weights / (weights @ residual[:, :1])
-    residual = residual - weights[0] @ residual
-    if rule == "joint":
-        weights = np.concatenate([weights, _leading(residual[:, :grid], terms - 2)])
-        chosen = nodes + _joint_nodes(weights[1:] @ residual[:, :grid], cos_theta, nodes)
-        fitted = np.zeros((terms - 2, len(training)))
-        return Extraction(training, np.array(chosen), weights, fitted, rescaled=True)
-
-    residual = residual * training.t0
-    chosen, fitted_rows = list(nodes), []
-    for i in range(terms - 2):
-        new = _leading(residual[:, :grid], 1)
-        function = new[0] @ residual
-        if i < len(nodes):
-            column = grid + i
-        else:
-            column = int(np.argmax(np.abs(function[:grid])))
-            chosen.append(float(np.arccos(cos_theta[column])))
-        fitted_rows.append(residual[:, column] / function[column])
-        residual = residual - fitted_rows[-1][:, None] * function
-        weights = np.concatenate([weights, new])
-    return Extraction(training, np.array(chosen), weights, np.array(fitted_rows), rescaled=False)
-
-
-def _leading(matrix: np.ndarray, count: int) -> np.ndarray:
-    """(count, n) weights w such that w @ matrix are the leading right singular vectors, peaking +1.
-
-    ARPACK with a fixed start: only these vectors are computed, and the result is deterministic.
-    """
-    from scipy.sparse.linalg import svds
-
-    if np.abs(matrix).max() > NEGLIGIBLE:
-        left, _, _ = svds(matrix, k=count, v0=np.ones(min(matrix.shape)), tol=0.0)
-        left = left.T[::-1]  # svds sorts ascending
-        functions = left @ matrix
-        peaks = functions[np.arange(count), np.argmax(np.abs(functions), axis=1)]
-        if np.abs(peaks).min() > NEGLIGIBLE:
-            return left / peaks[:, None]
-    raise input_error(
-        "a training set whose curves are combinations of fewer functions than terms",
-        "curves that differ from each other",
-        "Ask for fewer terms, or add different materials.",
-    )
-
-
-def _joint_nodes(
-    functions: np.ndarray, cos_theta: np.ndarray, nodes: Sequence[float]
-) -> list[float]:
-    """Nodes for the functions after the given `nodes`, by the notebook's rule (see `extract`)."""
-    columns = [int(np.argmin(np.abs(cos_theta[: functions.shape[1]] - np.cos(n)))) for n in nodes]
-    for i in range(len(nodes), len(functions)):
-        function = functions[i]
-        if i == 0:
-            columns.append(int(np.argmax(function)))
-        elif i == 1:
-            extremes = [int(np.argmax(function)), int(np.argmin(function))]
-            columns.append(max(extremes, key=lambda extreme: abs(extreme - columns[0])))
-        else:
-            weights = np.linalg.solve(functions[:i, columns].T, function[columns])
-            columns.append(int(np.argmax(np.abs(function - weights @ functions[:i]))))
-    return [float(np.arccos(cos_theta[column])) for column in columns[len(nodes) :]]
+    return series

@@ -34,16 +34,8 @@ from typing import Any, Literal
 import numpy as np
 
 from . import _equations
-from ._array import (
-    DrJitOps,
-    NumPyOps,
-    Ops,
-    drjit_module,
-    floating_type,
-    one_kind,
-    ops_for,
-    real_arrays,
-)
+from ._arguments import floating_type, one_kind, plain_numbers, real_arrays, without_axes
+from ._array import DrJitOps, NumPyOps, Ops, drjit_module, ops_for
 from ._check import choose, input_error
 
 __all__ = [
@@ -211,10 +203,8 @@ def _on_numpy(formula: Any, arguments: tuple[Any, ...], precision: str) -> list[
         nothing = (False, False, False)
         values = [value for value, _ in formula(ops, c, *indices, compensated, nothing)]
         values = [np.asarray(value).astype(result) for value in values]
-    if all(value.ndim == 0 for value in given):
-        plain = all(not isinstance(value, np.generic | np.ndarray) for value in arguments)
-        return [float(value) if plain else value[()] for value in values]
-    return values
+    plain = plain_numbers(*arguments)
+    return [without_axes(value, plain) for value in values]
 
 
 def _check_scalar(name: str, number: float) -> None:

@@ -42,7 +42,8 @@ import numpy as np
 from ._array import Ops, is_drjit, ops_for
 from ._check import InputError, choose, input_error
 from ._files import replacing
-from .microfacet import SMITH, Distribution, Smith, Vector
+from ._vectors import Vector
+from .microfacet import SMITH, Distribution, Smith
 from .table import AlbedoTable
 from .table_layout import Layout
 
@@ -186,6 +187,7 @@ class LobeTable:
     smith: Smith = "separable"
     distribution: Distribution = "ggx"
     metadata: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    _grid: AlbedoTable = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         grid = AlbedoTable(
@@ -243,8 +245,7 @@ class LobeTable:
         >>> lobe.density((-0.6, 0.0, 0.8)).shape
         (2,)
         """
-        grid: AlbedoTable = self.__dict__["_grid"]
-        found = grid.lookup(mu, alpha)
+        found = self._grid.lookup(mu, alpha)
         if is_drjit(mu, alpha):
             residual = tuple(found)
             mu, alpha = (0.0 * residual[0] + value for value in (mu, alpha))

@@ -28,14 +28,15 @@ from typing import Any
 
 import numpy as np
 
-from ._array import is_drjit, multiply_add, one_kind, ops_for
+from ._arguments import one_kind
+from ._array import is_drjit, multiply_add, ops_for
 from ._check import input_error
 from .basis import Basis
 from .parametrization import F82_COSINE
 
 __all__ = [
     "MetalEdge",
-    "default_edge_color",
+    "default_edge_colour",
     "dielectric_eta",
     "fit_metal_edge",
     "load_metal_edge",
@@ -68,10 +69,10 @@ class MetalEdge:
     q: float
     s: float
 
-    def edge_color(self, base_color: Any) -> Any:
+    def edge_colour(self, base_colour: Any) -> Any:
         """The edge colour that stands in for an unknown one."""
-        rise = base_color * multiply_add(base_color, self.s, self.q)
-        return 1.0 - (1.0 - base_color) * (_BLACK_EDGE + rise)
+        rise = base_colour * multiply_add(base_colour, self.s, self.q)
+        return 1.0 - (1.0 - base_colour) * (_BLACK_EDGE + rise)
 
     def weights(self, cos_theta: Any) -> tuple[np.ndarray, np.ndarray]:
         """u and v at NumPy cosines in [0, 1]."""
@@ -109,7 +110,7 @@ def fit_metal_edge(cos_theta: Any, reflectance: Any) -> MetalEdge:
     Raises
     ------
     InputError
-        If the cosines are not as said, or fewer than two curves are given.
+        If the cosines are not as said, fewer than two curves are given, or some are not finite.
     """
     cos_theta, curves = np.asarray(cos_theta, np.float64), np.asarray(reflectance, np.float64)
     at = np.flatnonzero(np.isclose(cos_theta, F82_COSINE, rtol=0.0, atol=1e-12))
@@ -126,6 +127,8 @@ def fit_metal_edge(cos_theta: Any, reflectance: Any) -> MetalEdge:
             f"({len(cos_theta)}, curves) with at least two curves",
             "One column for each channel of each metal.",
         )
+    if not np.isfinite(curves).all():
+        raise input_error("reflectances that are not finite", "finite ones", "Drop the others.")
     absorbed = 1.0 - curves
     f0, (first, edge) = curves[-1], absorbed[[-1, int(at[0])]]
     powers = np.stack([first * f0, first * f0**2], axis=1)
@@ -137,50 +140,50 @@ def fit_metal_edge(cos_theta: Any, reflectance: Any) -> MetalEdge:
     return MetalEdge(cos_theta, u, v, float(q), float(s))
 
 
-def default_edge_color(base_color: Any) -> Any:
+def default_edge_colour(base_colour: Any) -> Any:
     """Reflectance at cos = 1/7 that metals of this base colour usually have.
 
     Parameters
     ----------
-    base_color : (...) float in [0, 1]
+    base_colour : (...) float in [0, 1]
 
     Examples
     --------
-    >>> from fresnel_decomp.metallic import default_edge_color
-    >>> round(default_edge_color(0.6), 2), default_edge_color(1.0)
+    >>> from fresnel_decomp.metallic import default_edge_colour
+    >>> round(default_edge_colour(0.6), 2), default_edge_colour(1.0)
     (0.63, 1.0)
     """
-    return load_metal_edge().edge_color(base_color)
+    return load_metal_edge().edge_colour(base_colour)
 
 
 def metal_reflectance(
-    base_color: Any, edge_color: Any, cos_theta: float, metal_edge: MetalEdge | None = None
+    base_colour: Any, edge_colour: Any, cos_theta: float, metal_edge: MetalEdge | None = None
 ) -> Any:
     """Reflectance at one cosine.
 
     Parameters
     ----------
-    base_color, edge_color : (...) float
+    base_colour, edge_colour : (...) float
         At normal incidence and at cos = 1/7.
     cos_theta : float in [0, 1]
     metal_edge : MetalEdge, optional
         Another fit than that which ships.
     """
-    base_color, edge_color = one_kind(base_color, edge_color)
+    base_colour, edge_colour = one_kind(base_colour, edge_colour)
     fitted = load_metal_edge() if metal_edge is None else metal_edge
     u, v = _weights_at(fitted, float(cos_theta))
-    return 1.0 - u * (1.0 - base_color) - v * (1.0 - edge_color)
+    return 1.0 - u * (1.0 - base_colour) - v * (1.0 - edge_colour)
 
 
 def metal_coefficients(
-    base_color: Any, edge_color: Any, basis: Basis, metal_edge: MetalEdge | None = None
+    base_colour: Any, edge_colour: Any, basis: Basis, metal_edge: MetalEdge | None = None
 ) -> Any:
     """Coefficients of the curve: affine in both colours.
 
     Parameters
     ----------
-    base_color, edge_color : (...) float
-        At normal incidence and at cos = 1/7; see `default_edge_color`.
+    base_colour, edge_colour : (...) float
+        At normal incidence and at cos = 1/7; see `default_edge_colour`.
     basis : Basis
     metal_edge : MetalEdge, optional
         Another fit than that which ships.
@@ -198,17 +201,17 @@ def metal_coefficients(
     >>> basis.evaluate(copper, 1.0).round(2)
     array([0.96, 0.64, 0.54])
     """
-    if not is_drjit(base_color, edge_color):
-        base_color, edge_color = np.broadcast_arrays(
-            np.asarray(base_color, np.float64), np.asarray(edge_color, np.float64)
+    if not is_drjit(base_colour, edge_colour):
+        base_colour, edge_colour = np.broadcast_arrays(
+            np.asarray(base_colour, np.float64), np.asarray(edge_colour, np.float64)
         )
     nodes = [
-        metal_reflectance(base_color, edge_color, float(np.cos(node)), metal_edge)
+        metal_reflectance(base_colour, edge_colour, float(np.cos(node)), metal_edge)
         for node in basis.nodes
     ]
-    if is_drjit(base_color, edge_color):
-        return basis.coefficients_from_reflectance(base_color, nodes)
-    return basis.coefficients_from_reflectance(base_color, np.stack(nodes, axis=-1))
+    if is_drjit(base_colour, edge_colour):
+        return basis.coefficients_from_reflectance(base_colour, nodes)
+    return basis.coefficients_from_reflectance(base_colour, np.stack(nodes, axis=-1))
 
 
 def dielectric_eta(f0: Any) -> Any:
@@ -230,6 +233,6 @@ def dielectric_eta(f0: Any) -> Any:
     1.5
     """
     ops = ops_for(f0)
-    present = f0 > _LEAST_F0
-    root = ops.sqrt(ops.select(present, f0, 1.0))
-    return ops.select(present, (1.0 + root) / ops.select(present, 1.0 - root, 1.0), 1.0)
+    black = f0 <= _LEAST_F0  # not NaN, which passes
+    root = ops.sqrt(ops.select(black, 1.0, f0))
+    return ops.select(black, 1.0, (1.0 + root) / ops.select(black, 1.0, 1.0 - root))

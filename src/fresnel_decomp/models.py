@@ -13,7 +13,8 @@ from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
-from ._array import drjit_module, is_drjit, one_kind, ops_for
+from ._arguments import one_kind, plain_numbers, without_axes
+from ._array import drjit_module, is_drjit, ops_for
 from ._check import choose, input_error
 from ._schlick import bend_factor, bent_schlick, schlick
 from .basis import Basis, load_basis
@@ -153,7 +154,7 @@ class Lazanyi:
         else:
             power = np.maximum(x, 0.0) ** (exponent - 1.0)
         reflectance = schlick(f0, cos_theta) - a * cos_theta * x * power
-        return _like_inputs(reflectance, cos_theta, f0, a, exponent)
+        return without_axes(reflectance, plain_numbers(cos_theta, f0, a, exponent))
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,8 +304,7 @@ class Decomposition:
             select = ops_for(reflectance).select
             reflectance = select(reflectance < 0.0, 0.0, reflectance)
             reflectance = select(reflectance > 1.0, 1.0, reflectance)
-            reflectance = reflectance if is_drjit(reflectance) else reflectance[()]
-        return _like_inputs(reflectance, cos_theta)
+        return without_axes(reflectance, plain_numbers(cos_theta))
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,9 +352,3 @@ def model_from_ior(name: str, eta: Any, k: Any, basis: Basis | None = None) -> M
         return Decomposition.from_ior(eta, k, basis)
     others = {model.name: model.from_ior for model in (Exact, Schlick, Lazanyi, F82, Gulbrandsen)}
     return others[name](eta, k)
-
-
-def _like_inputs(result: Any, *inputs: Any) -> Any:
-    """A NumPy scalar as a Python float, if no input was of NumPy's."""
-    plain = not any(isinstance(value, np.generic | np.ndarray) for value in inputs)
-    return float(result) if plain and isinstance(result, np.generic) else result

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ._array import NumPyOps, floating_type, is_drjit, one_kind, ops_for, real_arrays
+from ._arguments import floating_type, one_kind, plain_numbers, real_arrays, without_axes
+from ._array import NumPyOps, is_drjit, ops_for
 from ._check import input_error
 from .fresnel import conductor
 
@@ -69,7 +70,7 @@ def gulbrandsen_to_ior(r: Any, g: Any) -> tuple[Any, Any]:
     q = (1.0 + rho) * (1.0 + rho) / (1.0 - r)
     eta = g * (1.0 - r) / (1.0 + r) + (1.0 - g) * q
     k = 2.0 * rho / (1.0 + r) * ops.sqrt(g * (1.0 + (1.0 - g) * q * q))
-    return _returned(ops.select(valid, eta, np.nan), plain), _returned(
+    return without_axes(ops.select(valid, eta, np.nan), plain), without_axes(
         ops.select(valid, k, np.nan), plain
     )
 
@@ -104,7 +105,7 @@ def ior_to_gulbrandsen(eta: Any, k: Any) -> tuple[Any, Any]:
     S_less_U = ops.select(U > 0.0, Y * Y / above, S - U)
     matched = S == 0.0
     g = S_less_U * (M + 1.0) / (ops.select(matched, 1.0, S) * (S + M + 1.0))
-    return r, _returned(ops.select(matched, 0.0, g) + 0.0 * r, plain)
+    return r, without_axes(ops.select(matched, 0.0, g) + 0.0 * r, plain)
 
 
 def _check_scalar(name: str, value: Any, below_one: bool = False) -> None:
@@ -126,15 +127,7 @@ def _prepared(ops: Any, names: tuple[str, str], a: Any, b: Any) -> tuple[Any, An
     if not isinstance(ops, NumPyOps):
         a, b = one_kind(a, b)
         return a + 0.0 * b, b + 0.0 * a, False
-    plain = not any(
-        np.ndim(value) or isinstance(value, np.generic | np.ndarray) for value in (a, b)
-    )
+    plain = plain_numbers(a, b)
     result = floating_type(a, b)
     a, b = real_arrays(**dict(zip(names, (a, b), strict=True)))
     return a.astype(result), b.astype(result), plain
-
-
-def _returned(value: Any, plain: bool) -> Any:
-    if plain:
-        return float(value)
-    return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value

@@ -5,7 +5,6 @@ Given the surfaces of a scene (`Surface`: indices of refraction, roughness, how 
 each of them takes. All decompositions of a plan share one basis, since an engine has one table: a
 shipped one, or one extracted for just these surfaces where that needs fewer terms. Cost is the
 number of floating-point operations of an evaluation, which `mitsuba.operations` counts in kernels.
-
 """
 
 from __future__ import annotations
@@ -17,10 +16,11 @@ from typing import Any, Literal
 import numpy as np
 
 from ._check import InputError, choose, input_error
+from ._coefficients import TERMS
 from .albedo import directional_albedo
-from .basis import Basis, extract_basis, load_basis
+from .basis import Basis, load_basis
 from .curves import CurveSet
-from .extraction import RECIPES
+from .extraction import extract_basis
 from .models import F82, Schlick
 from .prediction import (
     METRICS,
@@ -30,11 +30,11 @@ from .prediction import (
     operations,
     predicted_error,
 )
+from .recipes import RECIPES
 from .table import AlbedoTable
 
 __all__ = ["Choice", "LeftExact", "Plan", "Table", "plan_surfaces"]
 
-TERMS = (3, 4, 5, 6)
 TABLE_SIZES = (16, 32, 64, 128)
 
 

@@ -100,6 +100,15 @@ class Surface:
                 "a number >= 0, or infinity",
                 "Leave it out for an even light.",
             )
+        if self.wavelength_nm is not None:
+            wavelength = np.asarray(self.wavelength_nm, np.float64)
+            if wavelength.shape != curves.eta.shape or not (np.diff(wavelength) > 0.0).all():
+                raise input_error(
+                    f"wavelength_nm of shape {wavelength.shape} of '{self.name}'",
+                    f"{len(curves)} ascending wavelengths, one for each index",
+                    "Sort them, or leave them out where eta and k belong to channels.",
+                )
+            object.__setattr__(self, "wavelength_nm", wavelength)
 
     @property
     def averaged(self) -> bool:
@@ -109,6 +118,12 @@ class Surface:
     def to_rgb(self, reflectance: np.ndarray) -> np.ndarray:
         """(..., 3) linear sRGB of reflectances (..., n), under D65 where they are spectra."""
         if self.wavelength_nm is None:
+            if len(self.eta) not in (1, 3):
+                raise input_error(
+                    f"{len(self.eta)} channels of '{self.name}' as colours",
+                    "1 or 3, or wavelength_nm",
+                    "Use the metric 'reflectance'.",
+                )
             return np.broadcast_to(reflectance, (*reflectance.shape[:-1], 3))
         weights = rgb_weights("D65")
         spectra = np.stack(

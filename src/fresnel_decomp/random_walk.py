@@ -20,12 +20,11 @@ separable one, in Mitsuba's conductors, does not follow from any surface.
 
 from __future__ import annotations
 
-import operator
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ._check import input_error, is_real
+from ._check import input_error, is_real, is_whole
 from .albedo import Fresnel
 from .microfacet import sample_visible_normal
 
@@ -90,7 +89,7 @@ def random_walk_albedo(
     (1.0, 0.0)
     """
     _check(mu, alpha, samples, seed, bounces)
-    samples, bounces = operator.index(samples), operator.index(bounces)
+    samples, bounces = int(samples), int(bounces)
     random = np.random.default_rng(seed)
     first: Any = 0.0
     second: Any = 0.0
@@ -116,11 +115,7 @@ def _check(mu: Any, alpha: Any, samples: Any, seed: Any, bounces: Any) -> None:
             "One view and one roughness at a time; without roughness nothing bounces twice.",
         )
     for name, value, least in (("samples", samples, 2), ("bounces", bounces, 1), ("seed", seed, 0)):
-        try:
-            fits = operator.index(value) >= least
-        except TypeError:
-            fits = False
-        if not fits:
+        if not is_whole(value, least):
             raise input_error(f"{name}={value!r}", f"a whole number >= {least}", "Try the default.")
 
 

@@ -32,7 +32,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ._check import input_error
+from ._lobe_rule import unit_gauss
 from ._programmes import Problem, transmittances
+from .albedo import directional_albedo
 from .closed_form import ClosedForm
 from .curves import CurveSet
 
@@ -241,16 +243,16 @@ def _trapezoid(cos_theta: np.ndarray) -> np.ndarray:
     return (gaps[1:] + gaps[:-1]) / 2.0
 
 
+@functools.cache
 def albedo_operator(size: int = 128) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(points, operator, weights): values at points to directional albedos, Gauss rules.
 
     A curve's Chebyshev interpolant in 2 cos_theta - 1 is integrated in its place.
     """
-    from .albedo import directional_albedo
-
-    (mu, mu_weight), (alpha, alpha_weight) = (
-        _gauss(count, *span) for count, span in ((12, (0.0, 1.0)), (6, ALBEDO_ROUGHNESS))
-    )
+    mu, mu_weight = unit_gauss(12)
+    part, alpha_weight = unit_gauss(6)
+    low, high = ALBEDO_ROUGHNESS
+    alpha = low + (high - low) * part
     views, roughness = (grid.ravel() for grid in np.meshgrid(mu, alpha, indexing="ij"))
     albedo = directional_albedo(
         lambda c: np.polynomial.chebyshev.chebvander(2.0 * np.asarray(c) - 1.0, size - 1),
@@ -262,8 +264,3 @@ def albedo_operator(size: int = 128) -> tuple[np.ndarray, np.ndarray, np.ndarray
     transform[0] /= 2.0
     weights = np.outer(mu_weight, alpha_weight).ravel()
     return (np.cos(angles) + 1.0) / 2.0, albedo @ transform, weights / weights.sum()
-
-
-def _gauss(count: int, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
-    x, weights = np.polynomial.legendre.leggauss(count)
-    return low + (high - low) * (x + 1.0) / 2.0, weights

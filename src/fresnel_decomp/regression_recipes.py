@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from . import curves
-from .curves import CurveSet
+from .curves import SETS, CurveSet
 from .node_search import search
 from .regression import Design, Objective, Training, least_largest_error
 
@@ -27,13 +26,6 @@ __all__ = [
     "search_design",
     "training_for",
 ]
-
-SETS: dict[str, Callable[[], CurveSet]] = {
-    "a": curves.dielectrics,
-    "cp": curves.gulbrandsen_grid,
-    "d": curves.measured_metals,
-    "low": curves.low_index_corner,
-}
 
 NOTEBOOK_MAX = {
     3: {"a": 0.1755, "cp": 0.1180, "d": 0.0663, "low": 0.1755},

@@ -12,7 +12,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ._array import is_drjit, one_kind
+from ._arguments import one_kind
+from ._array import is_drjit
 from ._check import input_error
 from ._schlick import schlick
 from .basis import Basis

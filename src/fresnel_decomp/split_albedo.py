@@ -16,7 +16,6 @@ All of them are called with (mu, alpha), NumPy's or Dr.Jit's; none needs a rende
 from __future__ import annotations
 
 import functools
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -26,9 +25,10 @@ from numpy.typing import ArrayLike
 
 from ._array import is_drjit
 from ._check import input_error, is_real
+from ._coefficients import weighted_sum
 from ._schlick import bend_factor
 from ._vectors import of_kind
-from .albedo import directional_albedo
+from .albedo import ROUGHEST, directional_albedo
 from .energy import EnergyTable, missing, scaling
 from .microfacet import Smith
 from .table import AlbedoTable
@@ -98,8 +98,11 @@ class SplitAlbedo:
         InputError
             For Dr.Jit coefficients if neither mu nor alpha is a Dr.Jit array.
         """
-        functions = self.table.lookup(mu, alpha)
-        if not is_drjit(mu, alpha):
+        return self._weighed(self.table.lookup(mu, alpha))
+
+    def _weighed(self, functions: Any) -> Any:
+        """For what a lookup has given."""
+        if isinstance(functions, np.ndarray):
             if any(is_drjit(c) for row in self.coefficients for c in row):
                 raise input_error(
                     "Dr.Jit coefficients together with mu and alpha of NumPy",
@@ -109,11 +112,7 @@ class SplitAlbedo:
             return functions @ np.asarray(self.coefficients, functions.dtype).T
         kind = type(functions[0])
         return tuple(
-            sum(
-                (of_kind(kind, c) * b for c, b in zip(row[1:], functions[1:], strict=True)),
-                of_kind(kind, row[0]) * functions[0],
-            )
-            for row in self.coefficients
+            weighted_sum([of_kind(kind, c) for c in row], functions) for row in self.coefficients
         )
 
 
@@ -230,7 +229,7 @@ class CompensatedAlbedo:
         """(..., 3) float array, or a tuple of three Dr.Jit arrays; see `SplitAlbedo`."""
         single = SplitAlbedo(self.energy.table, self.coefficients)
         functions = single.table.lookup(mu, alpha)
-        plain = single(mu, alpha)
+        plain = single._weighed(functions)
         if not is_drjit(mu, alpha):
             rows = np.asarray(self.coefficients, np.float64)
             alphas = np.asarray(alpha)[..., None]
@@ -288,7 +287,7 @@ def integrated_albedo(
     ----------
     curve : callable from (..., 1) cosines to (..., 3) reflectances
         Such as `Exact(eta, k)` with (3,) indices.
-    alpha : float ≥ 0
+    alpha : float in [0, ROUGHEST]
         The result is for this roughness, whatever it is called with.
     smith : {"separable", "correlated"}
     cosines : int ≥ 2
@@ -303,9 +302,11 @@ def integrated_albedo(
     InputError
         For other roughnesses, conventions and numbers of cosines.
     """
-    if not is_real(alpha, 0.0, sys.float_info.max):
+    if not is_real(alpha, 0.0, ROUGHEST):
         raise input_error(
-            f"alpha={alpha!r}", "a finite number ≥ 0", "It is the square of the perceptual."
+            f"alpha={alpha!r}",
+            f"a number in [0, {ROUGHEST:g}]",
+            "It is the square of the perceptual roughness.",
         )
     layout = Layout(cosines, 2)
     root = np.linspace(0.0, 1.0, layout.width)

@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from ._arguments import check_indices
 from ._check import input_error
+from .material import Material
 from .parametrization import gulbrandsen_to_ior
-from .spectra import Material, load_material
+from .spectra import load_material
 
 __all__ = ["Subject", "from_gulbrandsen", "from_indices", "from_material"]
 
@@ -60,13 +62,7 @@ def from_indices(eta: Sequence[float], k: Sequence[float]) -> Subject:
         For other counts, eta <= 0, k < 0, NaN or infinity.
     """
     triples = _triple("eta", eta), _triple("k", k)
-    for channel, e, extinction in zip("RGB", *triples, strict=True):
-        if not (np.isfinite(e) and e > 0 and np.isfinite(extinction) and extinction >= 0):
-            raise input_error(
-                f"eta={e:g}, k={extinction:g} in channel {channel}",
-                "finite eta > 0 and k >= 0",
-                "Absorbing media have k > 0 in the convention eta + i k.",
-            )
+    check_indices(*triples, "channel")
     return Subject(_file_name("eta-k", triples), _label(("η", "k"), triples), *triples)
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import operator
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -18,13 +17,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ._array import drjit_constant, drjit_module, floating_type, is_drjit, one_kind, real_arguments
-from ._check import choose, input_error
+from ._arguments import floating_type, real_arguments
+from ._array import drjit_constant, drjit_module, is_drjit
+from ._check import choose, input_error, is_whole
+from ._coefficients import check_terms, evaluated
 from ._version import __version__
 from .albedo import Quadrature, checked_quadrature, directional_albedo
 from .basis import Basis
-from .closed_form import check_terms
-from .fast_curves import FastCurves, packets
+from .fast_curves import FastCurves, Packets, packets
 from .microfacet import DISTRIBUTIONS, SMITH, Distribution, Smith
 from .table_layout import Layout
 
@@ -40,7 +40,6 @@ CHECK_QUADRATURE = Quadrature(32, 32)
 @dataclass(frozen=True, eq=False)
 class AlbedoTable:
     """Directional albedos of basis functions, tabulated.
-
 
     Attributes
     ----------
@@ -75,6 +74,7 @@ class AlbedoTable:
     smith: Smith = "separable"
     distribution: Distribution = "ggx"
     metadata: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    _on_device: dict[type, Packets] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.layout, Layout):
@@ -247,16 +247,7 @@ class AlbedoTable:
         """
         mu, alpha = real_arguments(mu=mu, alpha=alpha)
         coefficients = check_terms(coefficients, alpha if is_drjit(alpha) else mu, self.terms)
-        if isinstance(coefficients, np.ndarray) and not is_drjit(mu, alpha):
-            return (coefficients * self.lookup(mu, alpha)).sum(axis=-1)
-        mu, alpha, *coefficients = one_kind(mu, alpha, *coefficients)
-        functions = self.lookup(mu, alpha)
-        if not is_drjit(mu, alpha):
-            functions = [float(value) for value in functions]
-        return sum(
-            (c * b for c, b in zip(coefficients[1:], functions[1:], strict=True)),
-            coefficients[0] * functions[0],
-        )
+        return evaluated(self.lookup, coefficients, mu, alpha)
 
     def _lookup_drjit(self, mu: Any, alpha: Any) -> Any:
         dr = drjit_module()
@@ -268,12 +259,11 @@ class AlbedoTable:
         i = dr.minimum(index(dr.detach(column)), width - 2)
         j = dr.minimum(index(dr.detach(row)), self.layout.height - 2)
         x, y = column - kind(i), row - kind(j)
-        cache = self.__dict__.setdefault("_packets", {})
-        if kind not in cache:
-            cache[kind] = packets(kind, self.values.reshape(-1, self.terms))
+        if kind not in self._on_device:
+            self._on_device[kind] = packets(kind, self.values.reshape(-1, self.terms))
         texel = i + j * width
         corners = zip(
-            *(cache[kind].gather(texel + offset) for offset in (0, 1, width, width + 1)),
+            *(self._on_device[kind].gather(texel + offset) for offset in (0, 1, width, width + 1)),
             strict=True,
         )
         values = []
@@ -371,10 +361,8 @@ def _as_json(metadata: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _width_and_height(size: Any) -> tuple[int, int]:
-    try:
-        return operator.index(size), operator.index(size)
-    except TypeError:
-        pass
+    if is_whole(size, 0):
+        return size, size
     if not isinstance(size, tuple | list) or len(size) != 2:
         raise input_error(f"size={size!r}", "an int, or (width, height)", "64 is enough.")
     return size[0], size[1]

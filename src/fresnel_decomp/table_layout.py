@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
@@ -10,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from ._array import Ops, ops_for
-from ._check import choose, input_error
+from ._check import choose, input_error, is_whole
 
 __all__ = ["ADDRESSING", "ALPHA_AXES", "MU_AXES", "Layout"]
 
@@ -96,17 +95,14 @@ class Layout:
         choose("addressing", self.addressing, ADDRESSING)
         given = f"a table of {self.width} x {self.height} texels"
         for name in ("width", "height"):
-            try:
-                size = operator.index(getattr(self, name))
-            except TypeError:
-                size = 0
-            object.__setattr__(self, name, size)
-            if not 2 <= size <= 4096:
+            size = getattr(self, name)
+            if not is_whole(size, 2, 4096):
                 raise input_error(
                     given,
                     "whole numbers from 2 to 4096",
                     "64 x 64 is enough; see the documentation, Preintegration.",
                 )
+            object.__setattr__(self, name, int(size))
 
     @property
     def mu(self) -> np.ndarray:

@@ -22,13 +22,13 @@ from ..basis import Basis, load_basis
 from ..converters import convert
 from ..curves import CurveSet, dielectrics, error_cosines, gulbrandsen_grid, low_index_corner
 from ..fresnel import conductor
+from ..material import Material
 from ..mitsuba import fresnel_terms as terms
 from ..mitsuba.operations import count_gathers, count_operations, count_vector_operations
 from ..mitsuba.workloads import BERYLLIUM, Picture
 from ..models import F82, Gulbrandsen, Lazanyi, Schlick
 from ..parametrization import F82_COSINE, gulbrandsen_to_ior
 from ..representations import Curve
-from ..spectra import Material
 from . import answers
 
 __all__ = [

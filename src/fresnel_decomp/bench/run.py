@@ -173,8 +173,8 @@ def run(
     from ..mitsuba.variants import variant_scope
 
     with variant_scope(settings.variant):
-        from ..machine import machine_facts, source_hash
         from .candidates import candidates
+        from .machine import machine_facts, source_hash
 
         chosen = _select(candidates(settings.table_sizes), settings.models)
         about = {

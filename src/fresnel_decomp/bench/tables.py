@@ -56,7 +56,7 @@ NOT_IN_PLUGIN = "not in the plugin"
 
 def about_line(about: dict[str, Any]) -> str:
     """On what, and how, the times were taken."""
-    from ..machine import describe_machine
+    from .machine import describe_machine
 
     backend = {"llvm": "CPU (LLVM)", "cuda": "GPU (CUDA)"}[about["backend"]]
     return (

@@ -25,9 +25,9 @@ import mitsuba as mi
 import numpy as np
 
 from .._check import choose, input_error
+from .._coefficients import weighted_sum
 from ..anisotropy import AnisotropicGrid
 from ..energy import EnergyTable, gain, lobe, missing
-from ..energy import weighted as weighted_sum
 from ..microfacet import Distribution, Smith
 from .albedo_texture import AlbedoTexture
 from .microfacet_lobe import raised

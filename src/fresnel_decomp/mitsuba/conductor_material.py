@@ -15,8 +15,8 @@ from .._data_sets import data_set_files, find_data_set
 from ..basis import Basis
 from ..colour import WAVELENGTH_NM, luminance_weights, rgb_weights
 from ..fresnel import conductor
+from ..material import Material as Spectrum
 from ..parametrization import F82_COSINE
-from ..spectra import Material as Spectrum
 from ..spectra import load_material
 from .tabulation import children
 

@@ -13,7 +13,7 @@ from .._check import input_error
 from ..basis import Basis
 from ..converters import LARGEST_R
 from ..fresnel import conductor
-from ..metallic import default_edge_color, metal_coefficients, metal_reflectance
+from ..metallic import default_edge_colour, metal_coefficients, metal_reflectance
 from ..parametrization import F82_COSINE, gulbrandsen_to_ior
 from .fresnel_terms import Material
 from .variants import unpolarized
@@ -89,7 +89,7 @@ class Metal(Material):
             )
         if self.kind == "nodes":
             return self.basis.evaluate(self.coefficients(), cos_theta)
-        edge = self.edges[0] if self.edges else default_edge_color(self.base)
+        edge = self.edges[0] if self.edges else default_edge_colour(self.base)
         return edge if cos_theta == F82_COSINE else metal_reflectance(self.base, edge, cos_theta)
 
     def coefficients(self) -> Sequence[Any]:
@@ -98,7 +98,7 @@ class Metal(Material):
         if self.kind == "tint":
             nodes = [self.reflectance(float(np.cos(node))) for node in self.basis.nodes]
             return self.basis.coefficients_from_reflectance(self.base, nodes)
-        edge = self.edges[0] if self.edges else default_edge_color(self.base)
+        edge = self.edges[0] if self.edges else default_edge_colour(self.base)
         return metal_coefficients(self.base, edge, self.basis)
 
 

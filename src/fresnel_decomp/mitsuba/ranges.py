@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from .._array import is_recording
 from .._check import InputError, input_error
 from .tabulation import stored_values
 
@@ -80,7 +81,7 @@ def check_range(name: str, texture: Any, zero: bool = False, like: str | None = 
     InputError
         With the name, the values and the range.
     """
-    if _recording():
+    if is_recording():
         return
     contains, accepted, advice = _RANGES.get(like or name, _ANY)
     for values in stored_values(texture):
@@ -108,17 +109,12 @@ def refuse_recording(what: str, accepted: str) -> None:
     InputError
         In a symbolic loop, and in a function that Dr.Jit freezes.
     """
-    if _recording():
+    if is_recording():
         raise input_error(
             f"{what} in a recorded function (dr.freeze) or a symbolic loop",
             accepted,
             "Call params.update() before it.",
         )
-
-
-def _recording() -> bool:
-    """Whether Dr.Jit records code without running it: then there are no values to look at."""
-    return any(dr.flag(flag) for flag in (dr.JitFlag.SymbolicScope, dr.JitFlag.FreezingScope))
 
 
 def _out_of_range(name: str, values: np.ndarray, accepted: str, advice: str) -> InputError:

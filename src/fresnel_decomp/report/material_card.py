@@ -15,8 +15,8 @@ from ..basis import Basis
 from ..colour import gamut_excess, linear_to_srgb, rgb_weights, srgb_hex
 from ..converters import Converted, convert
 from ..images import display
+from ..material import Material
 from ..representations import Curve
-from ..spectra import Material
 from . import style
 
 __all__ = ["MaterialCard", "draw_card", "make_card", "remarks", "render_card", "table_rows"]

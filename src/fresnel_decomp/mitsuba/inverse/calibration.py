@@ -7,13 +7,8 @@ from numpy.typing import NDArray
 
 from ...basis import Basis
 from ...fresnel import conductor
-from ...inverse_fit import (
-    CurveFit,
-    Solution,
-    fit_curve_parameters,
-    least_squares,
-    nearest_feasible,
-)
+from ...inverse_curves import CurveFit, fit_curve_parameters
+from ...inverse_fit import Solution, least_squares, nearest_feasible
 from .images import Images, derived_seed
 from .linear import LinearFit
 from .observed import Observed

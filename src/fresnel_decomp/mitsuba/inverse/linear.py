@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._check import input_error
-from ...inverse_fit import Solution, curve_limits, least_squares, node_map
+from ...inverse_curves import curve_limits, node_map
+from ...inverse_fit import Solution, least_squares
 from .images import Images, derived_seed
 from .observed import Observed
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from ..._check import choose, input_error, is_real, is_whole
 from ...basis import Basis, load_basis
-from ...inverse_fit import PRIOR_DEVIATION, Solution, curve_limits, least_squares
+from ...inverse_curves import curve_limits
+from ...inverse_fit import PRIOR_DEVIATION, Solution, least_squares
 from .calibration import calibrate, fit_channels
 from .gradient import RANGES, Descent, at_the_end, descend
 from .images import KINDS, Images, Setup, derived_seed, names_of

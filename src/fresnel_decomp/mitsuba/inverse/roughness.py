@@ -9,7 +9,8 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-from ...inverse_fit import Solution, curve_limits, least_squares, node_map
+from ...inverse_curves import curve_limits, node_map
+from ...inverse_fit import Solution, least_squares
 from .images import Images, derived_seed
 from .linear import LinearFit, linearise, require_visible, solve, solve_twice
 from .observed import Observed

@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..._check import input_error, is_real, is_whole
 from ...basis import Basis, load_basis
-from ...inverse_fit import PRIOR_DEVIATION, curve_limits, nearest_feasible
+from ...inverse_curves import curve_limits
+from ...inverse_fit import PRIOR_DEVIATION, nearest_feasible
 from .images import Images, Setup, derived_seed
 from .linear import Linearised, linearise, solve_twice
 from .observed import Observed, observe

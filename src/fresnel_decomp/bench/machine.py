@@ -9,7 +9,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-from ._version import __version__
+from .._version import __version__
 
 __all__ = ["describe_machine", "graphics_card", "machine_facts", "processor", "source_hash"]
 
@@ -19,7 +19,7 @@ def machine_facts(variant: str) -> dict[str, Any]:
 
     Examples
     --------
-    >>> from fresnel_decomp.machine import machine_facts
+    >>> from fresnel_decomp.bench.machine import machine_facts
     >>> facts = machine_facts("scalar_rgb")
     >>> facts["backend"], facts["threads"]
     ('scalar', None)
@@ -58,11 +58,11 @@ def source_hash() -> str:
 
     Examples
     --------
-    >>> from fresnel_decomp.machine import source_hash
+    >>> from fresnel_decomp.bench.machine import source_hash
     >>> len(source_hash())
     64
     """
-    package = Path(__file__).parent
+    package = Path(__file__).parent.parent
     found = hashlib.sha256()
     for path in sorted(package.rglob("*")):
         if path.is_file() and path.suffix != ".pyc":

@@ -10,7 +10,8 @@ import scipy.sparse.linalg
 
 from fresnel_decomp import CurveSet, InputError, extract_basis
 from fresnel_decomp.curves import talk_training_set
-from fresnel_decomp.extraction import SVD_RECIPES, extract
+from fresnel_decomp.recipes import SVD_RECIPES
+from fresnel_decomp.singular_vectors import extract
 
 PUBLISHED_NODES = {
     "talk": (1.45, 1.31),
