@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._check import input_error
+from ...basis import Basis
 from ...inverse_curves import curve_limits, node_map
 from ...inverse_fit import Solution, least_squares
 from .images import Images, derived_seed
@@ -25,6 +26,7 @@ from .observed import Observed
 __all__ = [
     "LinearFit",
     "Linearised",
+    "Unknowns",
     "linearise",
     "require_visible",
     "solve",
@@ -38,6 +40,40 @@ NONLINEAR = 2e-3
 """Relative difference of prediction and image, RMS, from which images are linearised again."""
 
 _STEP = 0.05  # of coefficients, where images are not linear
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """What is solved for: coefficients, or reflectances at 0° and at the nodes.
+
+    Attributes
+    ----------
+    start : (n, 3) float
+        What the images say nothing about stays there.
+    limits : (G, h) or None
+        G x >= h keeps curves within their bounds.
+    offset, matrix : (terms,), (terms, n) float
+        Coefficients are offset + matrix x.
+    """
+
+    start: Array
+    limits: tuple[Array, Array] | None
+    offset: Array
+    matrix: Array
+
+    @classmethod
+    def of(
+        cls, basis: Basis, nodes: bool, bounds: tuple[float, float] | None, start: Array
+    ) -> Unknowns:
+        """Node colours or else coefficients of a basis, within bounds of its curves."""
+        limits = None if bounds is None else curve_limits(basis, bounds, nodes)
+        terms = basis.terms
+        offset, matrix = node_map(basis) if nodes else (np.zeros(terms), np.eye(terms))
+        return cls(start, limits, offset, matrix)
+
+    def coefficients(self, x: Array) -> Array:
+        """(terms, 3) for x of shape (n, 3)."""
+        return self.offset[:, None] + self.matrix @ x
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +124,12 @@ class LinearFit:
 
 
 def linearise(
-    images: Images, alpha: float, spp: int, seed: int, nodes: bool, at: Array | None = None
+    images: Images,
+    alpha: float,
+    spp: int,
+    seed: int,
+    unknowns: Unknowns,
+    at: Array | None = None,
 ) -> Linearised:
     """Render the basis.
 
@@ -98,13 +139,11 @@ def linearise(
         Of kind "coefficients".
     alpha, spp, seed
         `spp` are for each of the two halves.
-    nodes : bool
-        Whether x are reflectances at 0° and the nodes instead of coefficients.
+    unknowns : Unknowns
     at : (n, 3) float, optional
         Where to linearise; without it, between black, white, and white with one more function.
     """
-    terms = images.basis.terms
-    a, M = node_map(images.basis) if nodes else (np.zeros(terms), np.eye(terms))
+    terms, M = images.basis.terms, unknowns.matrix
     offsets, columns = [], []
     for half in (0, 1):
         own = derived_seed(seed, half)
@@ -116,9 +155,9 @@ def linearise(
                 images.render(_white(terms, i), alpha, spp, own) - white for i in range(1, terms)
             ]
             B = np.stack(hot, axis=-1)
-            offset = black + B @ a
+            offset = black + B @ unknowns.offset
         else:
-            c = a[:, None] + M @ at
+            c = unknowns.coefficients(at)
             B = images.derivative(c, alpha, spp, own, np.full(terms, _STEP))
             offset = images.render(c, alpha, spp, own) - np.einsum("mcn,nc->mc", B @ M, at)
         offsets.append(offset)
@@ -133,28 +172,20 @@ def _white(terms: int, hot: int = 0) -> Array:
     return c
 
 
-def solve(
-    model: Linearised,
-    observed: Observed,
-    start: Array,
-    inequalities: tuple[Array, Array] | None,
-) -> list[Solution]:
+def solve(model: Linearised, observed: Observed, unknowns: Unknowns) -> list[Solution]:
     """Constrained least squares, channel by channel."""
     weight = np.where(model.visible[:, None], observed.weight, 0.0)
-    found = []
-    for i in range(3):
-        columns = model.columns[:, :, i]
-        found.append(
-            least_squares(
-                columns,
-                model.offset[:, :, i],
-                observed.values[:, i],
-                weight[:, i],
-                start[:, i],
-                inequalities,
-            )
+    return [
+        least_squares(
+            model.columns[:, :, i],
+            model.offset[:, :, i],
+            observed.values[:, i],
+            weight[:, i],
+            unknowns.start[:, i],
+            unknowns.limits,
         )
-    return found
+        for i in range(3)
+    ]
 
 
 def solve_images(
@@ -164,30 +195,25 @@ def solve_images(
     *,
     spp: int,
     seed: int,
-    nodes: bool,
-    bounds: tuple[float, float] | None,
-    start: Array,
+    unknowns: Unknowns,
     iterations: int,
     record: Any = None,
 ) -> LinearFit:
     """Linearise and solve until the image of the solution is the one predicted."""
-    limits = None if bounds is None else curve_limits(images.basis, bounds, nodes)
-    a, M = node_map(images.basis) if nodes else (np.zeros(images.basis.terms), None)
     half = max(1, spp // 2)
     at: Array | None = None
     change, converged = np.inf, False
     turn = 0
     while turn < iterations and not converged:
         turn += 1
-        model = linearise(images, alpha, half, seed, nodes, at)
+        model = linearise(images, alpha, half, seed, unknowns, at)
         require_visible(model)
-        channels, x = solve_twice(model, observed, start, limits)
+        channels, x = solve_twice(model, observed, unknowns)
         if record is not None:
             record(x, alpha)
         # the test of linearity: the same samples, so what differs is not noise
-        c = x if M is None else a[:, None] + M @ x
         inside = model.visible
-        seen = images.render(c, alpha, half, derived_seed(seed, 0))[inside]
+        seen = images.render(unknowns.coefficients(x), alpha, half, derived_seed(seed, 0))[inside]
         difference = seen - model.predict(x)[0][inside]
         change = float(np.sqrt(np.mean(difference**2) / max(float(np.mean(seen**2)), 1e-30)))
         converged, at = change < NONLINEAR, x
@@ -195,11 +221,11 @@ def solve_images(
 
 
 def solve_twice(
-    model: Linearised, observed: Observed, start: Array, limits: tuple[Array, Array] | None
+    model: Linearised, observed: Observed, unknowns: Unknowns
 ) -> tuple[list[Solution], Array]:
     """Solve, see how noisy the images are, weigh them so, and solve again."""
     for last in (False, True):
-        channels = solve(model, observed, start, limits)
+        channels = solve(model, observed, unknowns)
         x = np.stack([s.x for s in channels], axis=1)
         if not last:
             both = model.predict(x)

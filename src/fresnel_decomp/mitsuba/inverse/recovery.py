@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 
 from ..._check import choose, input_error, is_real, is_whole
 from ...basis import Basis, load_basis
-from ...inverse_curves import curve_limits
 from ...inverse_fit import PRIOR_DEVIATION, Solution, least_squares
 from .calibration import calibrate, fit_channels
 from .gradient import RANGES, Descent, at_the_end, descend
 from .images import KINDS, Images, Setup, derived_seed, names_of
-from .linear import LinearFit, solve_images
+from .linear import LinearFit, Unknowns, solve_images
 from .observed import Observed, observe
 from .result import Recovered, Step, coefficients
 from .roughness import refine_roughness, search_roughness, solve_jointly
@@ -241,10 +240,10 @@ class _Run:
     ) -> Recovered:  # fmt: skip
         nodes = self.kind != "coefficients"
         inner = names_of("nodes" if nodes else "coefficients", self.basis.terms)
+        start = np.full((len(inner), 3), 0.5) if nodes and self.kind != "nodes" else first
+        unknowns = Unknowns.of(self.basis, nodes, bounds, start)
         options: dict[str, Any] = {
-            "nodes": nodes,
-            "bounds": bounds,
-            "start": np.full((len(inner), 3), 0.5) if nodes and self.kind != "nodes" else first,
+            "unknowns": unknowns,
             "record": lambda x, a: self._record(inner, x, a),
         }
         alpha_error, tried = 0.0, 0
@@ -269,10 +268,10 @@ class _Run:
                 setups, "indices", self.basis, fresnel="exact", distribution=self.distribution
             )
             self.others.append(exact)
-            limits = None if bounds is None else curve_limits(self.basis, bounds, True)
             x = calibrate(
-                exact, fit, self.observed, alpha, spp=spp, seed=self.seed_for(1), limits=limits
-            )
+                exact, fit, self.observed, alpha, spp=spp, seed=self.seed_for(1),
+                limits=unknowns.limits,
+            )  # fmt: skip
             self._record(inner, x, alpha)
         values, errors = self._named(x, fit, inner, first)
         message = "" if fit.converged else "Not converged: raise iterations or spp."

@@ -9,10 +9,9 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-from ...inverse_curves import curve_limits, node_map
 from ...inverse_fit import Solution, least_squares
 from .images import Images, derived_seed
-from .linear import LinearFit, linearise, require_visible, solve, solve_twice
+from .linear import LinearFit, Unknowns, linearise, require_visible, solve, solve_twice
 from .observed import Observed
 
 __all__ = ["refine_roughness", "search_roughness", "solve_jointly"]
@@ -26,9 +25,7 @@ def search_roughness(
     *,
     spp: int,
     seed: int,
-    nodes: bool,
-    bounds: tuple[float, float] | None,
-    start: Array,
+    unknowns: Unknowns,
     alpha: float,
     span: tuple[float, float],
     record: Any = None,
@@ -41,16 +38,15 @@ def search_roughness(
     turns : int
         How many roughnesses were tried.
     """
-    limits = None if bounds is None else curve_limits(images.basis, bounds, nodes)
     half = max(1, spp // 2)
     tried: dict[float, float] = {}
 
     def misfit(log_alpha: float) -> float:
         if log_alpha not in tried:
             a = float(np.exp(log_alpha))
-            model = linearise(images, a, half, seed, nodes)
+            model = linearise(images, a, half, seed, unknowns)
             require_visible(model)
-            channels = solve(model, observed, start, limits)
+            channels = solve(model, observed, unknowns)
             tried[log_alpha] = float(sum(s.misfit for s in channels))
             if record is not None:
                 record(np.stack([s.x for s in channels], axis=1), a)
@@ -74,9 +70,7 @@ def refine_roughness(
     *,
     spp: int,
     seed: int,
-    nodes: bool,
-    bounds: tuple[float, float] | None,
-    start: Array,
+    unknowns: Unknowns,
     span: tuple[float, float],
     turns: int,
     record: Any = None,
@@ -87,25 +81,23 @@ def refine_roughness(
     -------
     alpha, its standard error, and the linear fit at this alpha
     """
-    limits = None if bounds is None else curve_limits(images.basis, bounds, nodes)
-    a, M = node_map(images.basis) if nodes else (np.zeros(images.basis.terms), None)
     half = max(1, spp // 2)
     x: Array | None = None
     error, converged = np.inf, False
     for turn in range(1, turns + 1):
         at = x if images.depth > 2 else None
-        model = linearise(images, alpha, half, seed, nodes, at)
+        model = linearise(images, alpha, half, seed, unknowns, at)
         require_visible(model)
-        channels, x = solve_twice(model, observed, start, limits)
+        channels, x = solve_twice(model, observed, unknowns)
         if record is not None:
             record(x, alpha)
-        c = x if M is None else a[:, None] + M @ x
+        c = unknowns.coefficients(x)
         shared = np.stack(
             [images.roughness_derivative(c, alpha, half, derived_seed(seed, h)) for h in (0, 1)]
         )
         joint = solve_jointly(
             model.columns, model.offset, shared, observed, model.visible,
-            np.append(x.T.ravel(), 0.0), limits,
+            np.append(x.T.ravel(), 0.0), unknowns.limits,
         )  # fmt: skip
         step, error = float(joint.x[-1]), float(joint.standard_errors[-1])
         # with interreflection, the point of linearisation must be the solution too

@@ -20,10 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..._check import input_error, is_real, is_whole
 from ...basis import Basis, load_basis
-from ...inverse_curves import curve_limits
 from ...inverse_fit import PRIOR_DEVIATION, nearest_feasible
 from .images import Images, Setup, derived_seed
-from .linear import Linearised, linearise, solve_twice
+from .linear import Linearised, Unknowns, linearise, solve_twice
 from .observed import Observed, observe
 
 __all__ = ["RecoveredTexture", "recover_texture", "texel_shares"]
@@ -167,10 +166,9 @@ def recover_texture(
             "and take the images with direct light only.",
         )
     observed = observe(images, made.sizes, noise)
-    model = linearise(made, alpha, max(1, spp // 2), seed, True)
-    start = np.full((basis.terms - 1, 3), 0.5)
-    limits = None if bounds is None else curve_limits(basis, bounds, True)
-    _, uniform = solve_twice(model, observed, start, limits)  # and weighs by noise
+    unknowns = Unknowns.of(basis, True, bounds, np.full((basis.terms - 1, 3), 0.5))
+    model = linearise(made, alpha, max(1, spp // 2), seed, unknowns)
+    _, uniform = solve_twice(model, observed, unknowns)  # and weighs by noise
     shares = texel_shares(made, (height, width), model.visible, seed)
     gather = scipy.sparse.csr_matrix(
         (np.ones(len(groups)), (np.arange(len(groups)), groups)), (len(groups), groups.max() + 1)
@@ -186,9 +184,9 @@ def recover_texture(
             # from smooth to sharp, or the first blur would decide where borders are
             sharpness = contrast * max(1.0, 2.0 ** (2 - turn))
             coupling = 1.0 / (contrast**2 * (1.0 + np.mean(steps**2, axis=1) / sharpness**2) ** 2)
-    if limits is not None:
+    if unknowns.limits is not None:
         for i, system in enumerate(systems):
-            system.confine(x[:, i], limits)
+            system.confine(x[:, i], unknowns.limits)
     x = x[groups]  # (texels, 3, n)
     errors = np.stack([s.standard_errors() for s in systems], axis=1)[groups]
     predicted = model.offset.mean(axis=0) + np.einsum(
