@@ -6,7 +6,8 @@ interleaved, so that a busy machine slows them alike; each ratio is the median o
 (plugin / built-in of the same round), its spread half the distance between quartiles. The last two
 are the decomposition with energy compensation.
 
-    python scripts/bench_plugin.py --variant llvm_ad_rgb --out bench.json
+    python scripts/bench_plugin.py --page docs/plugin.md
+    python scripts/bench_plugin.py --page docs/plugin.md --distribution beckmann
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from typing import Any
 
 import click
 
-from _command_line import json_option, main, script
+from _command_line import json_option, main, page_option, script
+from _markdown import insert, markdown, marks
 from fresnel_decomp import doctor
 from fresnel_decomp._files import write_json
 from fresnel_decomp.microfacet import DISTRIBUTIONS
@@ -31,14 +33,16 @@ PLUGINS = {
         for fresnel in ("exact", "schlick", "f82", "decomposition")
     },
     **{
-        kind: {
+        f"and {kind}": {
             "type": "decomposed_conductor",
             "energy_compensation": True,
             "compensation": kind,
         }
-        for kind in ("lobe", "scaling")
+        for kind in ("scaling", "lobe")
     },
 }
+MARKS = {name: marks(f"plugin speed, {name}") for name in DISTRIBUTIONS}
+KINDS = {"eval": "BSDF only", "render": "whole render"}
 TARGETS = {"decomposition": {"eval": 0.85, "render": 1.03}}
 
 
@@ -63,8 +67,9 @@ class Settings:
 @click.option("--spp", default=32, show_default=True)
 @click.option("--distribution", type=click.Choice(DISTRIBUTIONS), default="ggx", show_default=True)
 @click.option("--material", help="Take Mitsuba's preset instead of a fixed colour.")
+@page_option(*MARKS.values(), text="Put the table of this distribution into this Markdown file.")
 @json_option
-def bench(out: Path | None, **given: Any) -> None:
+def bench(out: Path | None, page: Path | None, **given: Any) -> None:
     """Speed of `decomposed_conductor` relative to Mitsuba's `roughconductor`."""
     settings = Settings(**given)
     doctor.require_variant(settings.variant)
@@ -79,23 +84,37 @@ def bench(out: Path | None, **given: Any) -> None:
 
     times = interleaved_times(kernels(settings), settings.rounds)
     results = {kind: summary(rounds) for kind, rounds in times.items()}
-    click.echo(f"{'':16}{'BSDF only':>26}{'whole render':>26}   relative to roughconductor")
-    for name in PLUGINS:
-        cells = "".join(
-            f"{row['ratio']:>12.3f} ± {row['spread']:.3f}{row['milliseconds']:>7.0f} ms"[
-                -24:
-            ].rjust(24)
-            for row in (results["eval"][name], results["render"][name])
-        )
-        click.echo(f"{name:16}{cells}")
+    about = {**machine_facts(settings.variant), **asdict(settings)}
+    text = report(results, about)
+    click.echo(text)
+    if page:
+        insert(page, text, MARKS[settings.distribution])
+    if out:
+        write_json(out, {"about": about, "results": results})
+
+
+def report(results: dict[str, Any], about: dict[str, Any]) -> str:
+    """The table, what it was measured on, and whether targets are met."""
+    from fresnel_decomp.bench.machine import describe_machine
+
+    rows = [
+        [name]
+        + [f"{rows[name]['ratio']:.3f} ± {rows[name]['spread']:.3f}" for rows in results.values()]
+        for name in PLUGINS
+    ]
+    times = [f"{rows['roughconductor']['milliseconds']:.0f} ms" for rows in results.values()]
+    verdicts = []
     for name, limits in TARGETS.items():
         for kind, limit in limits.items():
             ratio = results[kind][name]["ratio"]
             verdict = "met" if ratio <= limit else "missed"
-            click.echo(f"{name}, {kind}: {ratio:.3f}, target {limit} {verdict}")
-    if out:
-        about = {**machine_facts(settings.variant), **asdict(settings)}
-        write_json(out, {"about": about, "results": results})
+            verdicts.append(f"{KINDS[kind]} {ratio:.3f}, target {limit} {verdict}")
+    return (
+        f"{markdown(('BSDF', *(KINDS[kind] for kind in results)), rows)}\n\n"
+        f"{describe_machine(about)}; {about['distribution']}, medians of {about['rounds']} rounds "
+        f"± half the distance between quartiles. The built-in takes {' and '.join(times)}. "
+        f"Decomposition: {'; '.join(verdicts)}."
+    )
 
 
 def bsdf(name: str, settings: Settings) -> dict[str, Any]:
