@@ -42,10 +42,11 @@ class Case:
 
 
 GOOD, BAD = {"eta": 0.6, "k": 2.5}, {"eta": 4.0, "k": 0.3}
-_STEPS = {"iterations": 300, "spp": 32}
+_STEPS = {"iterations": 200, "spp": 32}
 CASES = (
     Case("linear, node colours", "any", "nodes", "linear"),
     Case("linear, (eta, k)", "any", "indices", "linear"),
+    Case("linear, (r, g)", "any", "gulbrandsen", "linear"),
     Case("hybrid, (eta, k) and α", "good", "indices", "hybrid", 0.15, "unknown"),
     Case("hybrid, (eta, k) and α", "bad", "indices", "hybrid", 0.6, "unknown"),
     *(
@@ -142,7 +143,9 @@ def compute(job: Job) -> dict[str, Any]:
     size, spp = job.settings["size"], 16 if quick else SPP
     with variant_scope(job.settings["variant"]):
         setups = [sphere(i, size) for i in range(2 if quick else VIEWS)]
-        cases = CASES[:1] + CASES[4:5] if quick else CASES
+        cases = (
+            (CASES[0], next(case for case in CASES if case.route == "gradient")) if quick else CASES
+        )
         metals = METALS[:1] if quick else METALS
         total = len(cases) + len(metals) + 2
         results: dict[str, Any] = {"routes": {}, "metals": {}}
@@ -221,6 +224,8 @@ def _metal(setups: Sequence[Any], metal: str, spp: int, quick: bool) -> dict[str
     found = recover(images, setups, "indices", alpha=ALPHA, spp=16 if quick else 128)
     nodes = [step.values for step in found.history if "f0" in step.values][-1]
     results["nodes"] = {"error": curve_error(nodes, found.basis, "decomposition", exact)}
+    five = recover(images, setups, alpha=ALPHA, basis=load_basis(terms=5), spp=16 if quick else 128)
+    results["five terms"] = {"error": float(np.abs(five.reflectance(COSINES) - exact).max())}
     results["indices"] = {
         "error": float(np.abs(found.reflectance(COSINES) - exact).max()),
         **_summary(found),

@@ -93,9 +93,11 @@ def metal_table(results: Mapping[str, Any]) -> str:
             f"({short(found['truth'][n][1])})"
             for n in ("eta", "k")
         ]
-        rows.append([metal, short(nodes["error"]), short(found["limit"]), short(index["error"]),
-                     *pairs])  # fmt: skip
-    head = ("metal", "node colours", "fit at the nodes", "(eta, k)", "eta, green", "k, green")
+        five = found["five terms"]
+        rows.append([metal, short(nodes["error"]), short(found["limit"]), short(five["error"]),
+                     short(index["error"]), *pairs])  # fmt: skip
+    head = ("metal", "node colours", "fit at the nodes", "with five terms", "(eta, k)",
+            "eta, green", "k, green")  # fmt: skip
     return markdown(head, rows)
 
 
@@ -130,6 +132,7 @@ def texture_table(results: Mapping[str, Any]) -> str:
 COLOURS = {
     "linear, node colours": "#0072b2",
     "linear, (eta, k)": "#56b4e9",
+    "linear, (r, g)": "#332288",
     "hybrid, (eta, k) and α": "#009e73",
     "gradient, node colours": "#e69f00",
     "gradient, (eta, k), fitted": "#cc79a7",
@@ -160,11 +163,8 @@ def draw_routes(results: Mapping[str, Any], path: Path) -> None:
                 looks["ls"] = (0, (3, 1.5)) if case.start == "bad" else "-"
                 if case.route == "linear":
                     looks |= {"marker": "o", "ms": 4.5}
-                best = steps[:, 2]
-                if case.route == "hybrid":  # roughnesses are tried in any order
-                    best = np.minimum.accumulate(best)
-                axes.plot(steps[:, column], best, **looks)
-                axes.plot(steps[-1, column], best[-1], marker="o", ms=4.5, color=looks["color"])
+                axes.plot(steps[:, column], steps[:, 2], **looks)
+                axes.plot(*steps[-1, [column, 2]], marker="o", ms=4.5, color=looks["color"])
             axes.set_xscale("log")
             axes.set_yscale("log")
             axes.set_xlabel(label)

@@ -10,13 +10,13 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from fresnel_decomp import InputError, conductor, load_basis
+from fresnel_decomp import InputError, conductor, ior_to_gulbrandsen, load_basis
 from fresnel_decomp.mitsuba import register
 from fresnel_decomp.mitsuba.comparison import render_scene
 from fresnel_decomp.mitsuba.environment import Environment
 from fresnel_decomp.mitsuba.inverse import NonFiniteGradientError, recover, recover_texture
 from fresnel_decomp.mitsuba.inverse.gradient import loss_and_gradient
-from fresnel_decomp.mitsuba.inverse.images import Images
+from fresnel_decomp.mitsuba.inverse.images import Images, derived_seed
 from fresnel_decomp.mitsuba.inverse.observed import observe
 from fresnel_decomp.mitsuba.scenes import lit_object, studio, studio_lights
 
@@ -64,7 +64,7 @@ def curve_error(result: Any, metal: Any = GOLD) -> float:
 def test_linear_solve(variant: str) -> None:
     setups = [sphere(i, 24) for i in range(2)]
     images = photographs(setups, 64)
-    nodes = recover(images, setups, spp=64)
+    nodes = recover(images, setups, alpha=0.1, spp=64)
     assert nodes.converged
     assert nodes.iterations == 1
     cosines = np.cos([0.0, *nodes.basis.nodes])[:, None]
@@ -75,10 +75,22 @@ def test_linear_solve(variant: str) -> None:
         assert np.all(nodes.identified[name])
     # 1/18 of the pixels and half the samples of the study: F(83°) is known to about .02 here
     assert curve_error(nodes) < 0.06
-    index = recover(images, setups, "indices", spp=36)
+    index = recover(images, setups, "indices", alpha=0.1, spp=36)
     for name, value in zip(("eta", "k"), GOLD, strict=True):
         error = np.abs(index.values[name] - value)
         assert np.all(error < 4.5 * index.standard_errors[name] + 1e-3), name
+    gulbrandsen = recover(images, setups, "gulbrandsen", alpha=0.1, spp=36)
+    for name, value in zip(("r", "g"), ior_to_gulbrandsen(*GOLD), strict=True):
+        error = np.abs(gulbrandsen.values[name] - value)
+        assert np.all(error < 4.5 * gulbrandsen.standard_errors[name] + 1e-3), name
+    np.testing.assert_allclose(
+        gulbrandsen.reflectance(COSINES), index.reflectance(COSINES), atol=1e-3
+    )
+    free = recover(images, setups, "coefficients", alpha=0.1, spp=36)
+    c = load_basis().coefficients(*GOLD)  # its misfit is spread over the angles: .01
+    for i in range(4):
+        error = np.abs(free.values[f"c{i}"] - c[:, i])
+        assert np.all(error < 4.5 * free.standard_errors[f"c{i}"] + 0.02), i
     again = render_scene(mi.load_dict(setups[0](index.bsdf())), 64, 1000)
     assert np.sqrt(np.mean((again - images[0]) ** 2)) < 0.02 * images[0].mean()
 
@@ -90,14 +102,60 @@ def test_curves_of_five_renders(variant: str) -> None:
     setups = [sphere(i, 64) for i in range(5)]
     images = photographs(setups, 64)
     for kind in ("nodes", "indices"):
-        assert curve_error(recover(images, setups, kind)) < 0.01, kind
+        assert curve_error(recover(images, setups, kind, alpha=0.1)) < 0.01, kind
+
+
+@LLVM_RGB
+def test_tensors_are_images_and_roughness_is_not_guessed(variant: str) -> None:
+    setup = sphere(0, 12)
+    image = photographs([setup], 16)[0]
+    first = recover(image, setup, alpha=0.1, spp=16)
+    for same in (mi.TensorXf(image), mi.Bitmap(image)):
+        again = recover(same, setup, alpha=0.1, spp=16)
+        np.testing.assert_allclose(again.values["f0"], first.values["f0"], rtol=1e-4)
+    with pytest.raises(InputError, match="unknown roughness"):
+        recover(image, setup)
+
+    def with_alpha(bsdf: dict[str, Any]) -> dict[str, Any]:
+        scene = setup(bsdf)
+        scene["sensor"]["film"]["pixel_format"] = "rgba"
+        return scene
+
+    with pytest.raises(InputError, match="a film of 4 channels"):
+        recover(image, with_alpha, alpha=0.1, spp=4)
+
+
+@LLVM_RGB
+def test_residual_is_that_of_the_result(variant: str) -> None:
+    """Images brighter than a perfect mirror's: node colours explain them, no index does."""
+    setups = [sphere(i, 16) for i in range(2)]
+    images = [1.2 * image for image in photographs(setups, 64)]
+    options: dict[str, Any] = {"alpha": 0.1, "spp": 64, "bounds": (0.0, 2.0)}
+    nodes = recover(images, setups, **options)
+    index = recover(images, setups, "indices", **options)
+    assert index.residual > 1.1 * nodes.residual
+
+
+@LLVM_RGB
+def test_descent_sees_the_samples_of_its_errors(variant: str) -> None:
+    """The misfit is that of two renderings of `Images`, to which Newton's step belongs."""
+    setup = sphere(0, 12)
+    image = photographs([setup], 16)
+    made = Images([setup], "nodes", load_basis())
+    observed = observe(image, made.sizes, None)
+    x = np.full((3, 3), 0.6)
+    loss, _ = loss_and_gradient(made, observed, x, 0.1, spp=8, seed=5)
+    a, b = (observed.values - made.render(x, 0.1, 8, derived_seed(5, half)) for half in (0, 1))
+    assert loss == pytest.approx(float(np.sum(observed.weight * a * b)) / observed.count, rel=1e-4)
 
 
 @LLVM_RGB
 def test_same_seed_same_result(variant: str) -> None:
     setup = sphere(0, 16)
     images = photographs([setup], 16)
-    first, second, other = (recover(images, setup, spp=16, seed=s).values for s in (3, 3, 4))
+    first, second, other = (
+        recover(images, setup, alpha=0.1, spp=16, seed=s).values for s in (3, 3, 4)
+    )
     assert all(np.array_equal(first[name], second[name]) for name in first)
     assert not np.array_equal(first["f0"], other["f0"])
 
@@ -133,9 +191,9 @@ def test_masked_pixels_do_not_count(variant: str) -> None:
     setup = sphere(0, 24)
     image = photographs([setup], 64)[0]
     noise = np.full(image.shape[:2], 0.02)
-    whole = recover(image, setup, spp=32, noise=noise)
+    whole = recover(image, setup, alpha=0.1, spp=32, noise=noise)
     image[9:12], noise[9:12] = 0.0, np.inf
-    masked = recover(image, setup, spp=32, noise=noise)
+    masked = recover(image, setup, alpha=0.1, spp=32, noise=noise)
     assert np.isfinite(masked.noise)
     assert masked.residual < 1.5 * whole.residual
     # an eighth of the sphere's pixels less: by no more than the errors do they differ
@@ -149,7 +207,7 @@ def test_goes_on_from_a_step(variant: str) -> None:
     """An interrupted descent is taken up where its last `Step` was; both ways end alike."""
     setup = sphere(0, 16)
     images = photographs([setup], 16)
-    options: dict[str, Any] = {"route": "gradient", "spp": 16}
+    options: dict[str, Any] = {"route": "gradient", "alpha": 0.1, "spp": 16}
     reached: list[Any] = []
 
     def interrupt(step: Any) -> None:
@@ -210,8 +268,8 @@ def test_gradient_descent(variant: str) -> None:
     """From a good start it arrives; the exact indices, from a bad one, do not, and say so."""
     setups = [sphere(i, 32) for i in range(2)]
     images = photographs(setups, 64)
-    good = recover(images, setups, route="gradient", start={"f0": 0.7}, spp=64)
-    linear = recover(images, setups, spp=64)
+    good = recover(images, setups, route="gradient", alpha=0.1, start={"f0": 0.7}, spp=64)
+    linear = recover(images, setups, alpha=0.1, spp=64)
     assert good.converged
     assert not good.message
     for name in ("f0", "f1", "f2"):
@@ -220,7 +278,7 @@ def test_gradient_descent(variant: str) -> None:
     # of all angles these images say least about F(83°): .018
     assert curve_error(good) < 3.0 * good.standard_errors["f1"].max() + 0.01
     stuck = recover(
-        images[:1], setups[:1], "indices", route="gradient", fresnel="exact", spp=32,
+        images[:1], setups[:1], "indices", route="gradient", fresnel="exact", spp=32, alpha=0.1,
         start={"eta": 4.0, "k": 0.3},
     )  # fmt: skip
     assert curve_error(stuck) > 0.05
@@ -378,7 +436,7 @@ def test_end_of_a_range_is_not_convergence(variant: str) -> None:
     setup = sphere(0, 8)
     images = [1.2 * image for image in photographs([setup], 16)]
     start = {"eta": 0.2, "k": 19.0}
-    result = recover(images, setup, "indices", route="gradient", start=start, spp=8)
+    result = recover(images, setup, "indices", route="gradient", alpha=0.1, start=start, spp=8)
     assert np.any(result.values["k"] > 19.99)
     assert not result.converged
     assert "end of the range" in result.message
@@ -400,7 +458,7 @@ def test_standard_errors_are_the_spread_of_results(variant: str) -> None:
     scores: dict[str, list[Any]] = {name: [] for name in truths}
     for seed in range(12):
         images = photographs(setups, 64, seed=100 * seed)
-        found = recover(images, setups, spp=64, seed=seed)
+        found = recover(images, setups, alpha=0.1, spp=64, seed=seed)
         for name, truth in truths.items():
             scores[name].append((found.values[name] - truth) / found.standard_errors[name])
     for name, rows in scores.items():
@@ -433,7 +491,13 @@ def test_light_that_is_not_finite_is_refused(route: str, variant: str) -> None:
     """Mitsuba's gradients are 0 there, which would look like the end of the descent."""
     lamp = {"type": "constant", "radiance": {"type": "uniform", "value": float("inf")}}
     with pytest.raises(InputError, match="scene 0 with radiance that is not finite"):
-        recover(np.ones((8, 8, 3)), lambda bsdf: lit_object(bsdf, lamp, 8), route=route, spp=4)
+        recover(
+            np.ones((8, 8, 3)),
+            lambda bsdf: lit_object(bsdf, lamp, 8),
+            route=route,
+            alpha=0.1,
+            spp=4,
+        )
 
 
 # --- bad input -----------------------------------------------------------------------------------
@@ -446,13 +510,16 @@ def test_bad_input(variant: str) -> None:
 
     def refused(words: str, *args: Any, **options: Any) -> None:
         with pytest.raises(InputError, match=words):
-            recover(*(args or (image, setup)), **options)
+            recover(*(args or (image, setup)), **({"alpha": 0.1} | options))
 
     refused("is unknown", route="magic")
     refused("is unknown", parameters="colours")
     refused("not linear in roughness", roughness="unknown")
     refused("do not determine an index", fresnel="exact")
     refused("alpha=0", alpha=0.0)
+    refused("unknown roughness", alpha=None)
+    refused("search starts", route="hybrid", roughness="known")
+    refused("known roughness", route="gradient", alpha=None, roughness="known")
     refused("spp=1", spp=1)
     refused("shape", np.ones((4, 5, 3)), setup)
     refused("2 images and 1 scenes", [image, image], setup)

@@ -35,6 +35,7 @@ __all__ = [
     "model_bsdfs",
     "render_bsdfs",
     "render_models",
+    "render_passes",
     "render_scene",
 ]
 
@@ -196,6 +197,11 @@ def render_scene(
     -------
     (height, width, 3) float32 array
         Linear sRGB; grey in monochrome variants.
+
+    Raises
+    ------
+    InputError
+        For bad numbers, and films with other channels.
     """
     import mitsuba as mi
 
@@ -205,14 +211,9 @@ def render_scene(
         )
     if not is_whole(seed, 0):
         raise input_error(f"seed={seed!r}", "an integer ≥ 0", "Any will do.")
-    width, height = scene.sensors()[0].film().size()
-    scalar = str(mi.variant()).startswith("scalar")
-    limit = (_WAVEFRONT_SCALAR if scalar else _WAVEFRONT) // (width * height)
-    passes = _passes(spp, limit)
-    seeds = np.random.SeedSequence(seed).generate_state(len(passes)).tolist()
     total = np.zeros((), dtype=np.float64)
     done = 0
-    for samples, own_seed in zip(passes, seeds, strict=True):
+    for samples, own_seed in render_passes(scene, spp, seed):
         with _interruptible():
             image = mi.render(scene, spp=samples, seed=own_seed)
         total = total + samples * np.array(image, np.float64)
@@ -220,7 +221,25 @@ def render_scene(
         if progress is not None:
             progress(done / spp)
     mean: NDArray[np.float32] = (total / spp).astype(np.float32)
-    return mean if mean.shape[2] == 3 else np.repeat(mean[..., :1], 3, axis=2)
+    if mean.shape[2] not in (1, 3):
+        raise input_error(
+            f"a film of {mean.shape[2]} channels",
+            "three, or one in monochrome variants",
+            "Give the film the pixel_format 'rgb', and the scene an integrator without AOVs.",
+        )
+    return mean if mean.shape[2] == 3 else np.repeat(mean, 3, axis=2)
+
+
+def render_passes(scene: Any, spp: int, seed: int) -> list[tuple[int, int]]:
+    """Samples and Mitsuba's seed of each pass of `render_scene`."""
+    import mitsuba as mi
+
+    width, height = scene.sensors()[0].film().size()
+    scalar = str(mi.variant()).startswith("scalar")
+    limit = (_WAVEFRONT_SCALAR if scalar else _WAVEFRONT) // (width * height)
+    passes = _passes(spp, limit)
+    seeds = np.random.SeedSequence(seed).generate_state(len(passes)).tolist()
+    return list(zip(passes, seeds, strict=True))
 
 
 @contextlib.contextmanager

@@ -18,6 +18,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from ..._check import InputError, input_error
+from ..comparison import render_passes
 from .images import Images, half_seed
 from .observed import Observed
 
@@ -144,11 +145,14 @@ def loss_and_gradient(
         weight = np.sqrt(scale * observed.weight[pixels])
         root = mi.TensorXf(weight.reshape(shape).astype(np.float32))
         errors, product = [], 0.0
+        passes = [render_passes(scene, spp, half_seed(seed, half, i)) for half in (0, 1)]
         for half in (0, 1):
-            image = mi.render(
-                scene, parameters, integrator=integrator, spp=spp,
-                seed=half_seed(seed, half, i), seed_grad=half_seed(seed, 1 - half, i),
-            )  # fmt: skip
+            image = 0.0
+            for (samples, own), (_, other) in zip(passes[half], passes[1 - half], strict=True):
+                image = image + (samples / spp) * mi.render(
+                    scene, parameters, integrator=integrator, spp=samples, seed=own,
+                    seed_grad=other,
+                )  # fmt: skip
             errors.append(root * (dr.detach(image) - target))
             # the error of one rendering times the derivative of the other
             product = product + errors[half] * (root * image)

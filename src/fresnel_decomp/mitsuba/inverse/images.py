@@ -25,6 +25,7 @@ __all__ = [
     "derived_seed",
     "half_seed",
     "names_of",
+    "require_rgb",
 ]
 
 Array = NDArray[np.float64]
@@ -38,6 +39,14 @@ _PATHS = ("path", "prb", "prb_basic")
 
 _MARK = 0.2371
 """The roughness by which the conductor is found among a scene's parameters: names are Mitsuba's."""
+
+
+def require_rgb() -> None:
+    """Refuse variants in which images have not three channels that stay apart."""
+    if mi.variant() is None or "_rgb" not in mi.variant() or "polarized" in mi.variant():
+        raise input_error(
+            f"variant {mi.variant()}", "an RGB variant", "Call mi.set_variant('llvm_ad_rgb')."
+        )
 
 
 def names_of(kind: str, terms: int) -> tuple[str, ...]:
@@ -56,7 +65,8 @@ def derived_seed(seed: int, *path: int) -> int:
 
 
 def half_seed(seed: int, half: int, view: int) -> int:
-    """The seed that `Images.render` takes for a view, given `derived_seed(seed, half)`."""
+    """The seed of `render_scene` with which `Images.render` renders a view, given
+    `derived_seed(seed, half)`."""
     return derived_seed(derived_seed(seed, half), view)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
@@ -98,9 +99,9 @@ class Observed:
 
 
 def observe(images: Any, films: Sequence[tuple[int, int]], noise: Any) -> Observed:
-    """Check images against the films of the scenes."""
-    single = isinstance(images, np.ndarray) and images.ndim == 3
-    arrays = [np.asarray(image, np.float64) for image in ([images] if single else images)]
+    """Check images (NumPy's, tensors, bitmaps) against the films of the scenes."""
+    single = np.ndim(images) == 3 or isinstance(images, mi.Bitmap)
+    arrays = [np.array(image, np.float64) for image in ([images] if single else images)]
     if not films:
         raise input_error("no scene", "one for each image", "Give the scenes of the images.")
     if len(arrays) != len(films):

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,10 +14,10 @@ from ...basis import Basis, load_basis
 from ...inverse_fit import PRIOR_DEVIATION, Solution, least_squares
 from .calibration import calibrate, fit_channels
 from .gradient import RANGES, Descent, at_the_end, descend
-from .images import KINDS, Images, Setup, derived_seed, names_of
+from .images import KINDS, Images, Setup, derived_seed, names_of, require_rgb
 from .linear import LinearFit, Unknowns, solve_images
 from .observed import Observed, observe
-from .result import Recovered, Step, coefficients
+from .result import Recovered, Step, coefficients, indices
 from .roughness import refine_roughness, search_roughness, solve_jointly
 
 __all__ = ["ROUTES", "recover"]
@@ -29,7 +28,6 @@ ROUTES = ("linear", "gradient", "hybrid")
 
 _SEARCH_SPP = 16
 _WEIGHINGS = 5  # at most, until the descent no longer cares
-_SPAN = (0.02, 0.9)  # of roughness, in the search
 _DIFFERENCES = {"eta": 0.02, "k": 0.02}  # steps of the last derivative; .01 else
 
 
@@ -39,8 +37,8 @@ def recover(
     parameters: str = "nodes",
     *,
     route: str = "linear",
-    alpha: float = 0.1,
-    roughness: str = "known",
+    alpha: float | None = None,
+    roughness: str | None = None,
     start: Mapping[str, Any] | None = None,
     basis: Basis | None = None,
     fresnel: str | None = None,
@@ -69,13 +67,15 @@ def recover(
         "linear": render the basis, solve, and from node colours find (eta, k) or (r, g). For known
         roughness. "hybrid": the same inside a search for roughness, then all together
         (Gauss-Newton). "gradient": quasi-Newton descent (L-BFGS-B) on the parameters themselves.
-    alpha : float in (0, 1]
-        Roughness, or where its search starts.
-    roughness : {"known", "unknown"}
+    alpha : float in [.005, 1], optional
+        Roughness, or where its search starts (default .1).
+    roughness : {"known", "unknown"}, optional
+        "known" takes `alpha` as it is. Default "known" where `alpha` is given, but for "hybrid",
+        which is for unknown roughness.
     start : mapping of names to numbers or (3,) arrays, optional
         Default .5, eta = 1.5, k = 3. Where "gradient" begins; what the images say nothing about
-        keeps it. "alpha" in it counts before `alpha`, so that an interrupted run goes on from the
-        `values` of its last `Step`.
+        keeps it. "alpha" in it counts before `alpha`, so that an interrupted descent goes on from
+        the `values` of its last `Step`.
     basis : Basis, optional
         Default `load_basis()`.
     fresnel : {"decomposition", "exact"}, optional
@@ -87,8 +87,8 @@ def recover(
         Standard deviation of each pixel. By default it is estimated from the images' residuals,
         spread over the pixels as the noise of our own renderings is.
     bounds : (low, high) or None
-        Of the recovered curves between 0° and 90°, for the linear solves. Metals stay below 1, but
-        their colours need not (gold's red is 1.022), and a basis overshoots: hence 1.05.
+        Of the recovered curves between 0° and 90°, for the linear solves only. Metals stay below 1,
+        but their colours need not (gold's red is 1.022), and a basis overshoots: hence 1.05.
     spp : int, optional
         Samples per pixel of our renderings, half of them in each of two; default 128, for
         "gradient" 32, taken anew for each gradient.
@@ -119,8 +119,7 @@ def recover(
 
     Examples
     --------
-    >>> import mitsuba as mi
-    >>> mi.set_variant("scalar_rgb")
+    >>>     >>> mi.set_variant("scalar_rgb")
     >>> from fresnel_decomp.mitsuba import register
     >>> from fresnel_decomp.mitsuba.comparison import render_scene
     >>> from fresnel_decomp.mitsuba.inverse import recover
@@ -135,18 +134,20 @@ def recover(
     """
     choose("parameters", parameters, KINDS)
     choose("route", route, ROUTES)
-    choose("roughness", roughness, ("known", "unknown"))
     choose("distribution", distribution, ("ggx", "beckmann"))
     basis = basis or load_basis()
     exact_able = parameters in ("indices", "gulbrandsen")
     fresnel = fresnel or ("exact" if exact_able and route != "gradient" else "decomposition")
     choose("fresnel", fresnel, ("decomposition", "exact"))
-    _check(parameters, route, roughness, fresnel, spp, seed, iterations)
-    setups = [scenes] if callable(scenes) else list(scenes)
-    names = names_of(parameters, basis.terms)
     start = dict(start or {})
     alpha = start.pop("alpha", alpha)
-    _check_alpha(alpha)
+    if roughness is None:
+        roughness = "unknown" if alpha is None or route == "hybrid" else "known"
+    choose("roughness", roughness, ("known", "unknown"))
+    _check(parameters, route, alpha, roughness, fresnel, spp, seed, iterations)
+    alpha = 0.1 if alpha is None else float(alpha)
+    setups = [scenes] if callable(scenes) else list(scenes)
+    names = names_of(parameters, basis.terms)
     first = _start(names, start)
     make: dict[str, Any] = {"distribution": distribution}
     if route == "gradient":
@@ -161,12 +162,10 @@ def recover(
 
 
 def _check(
-    parameters: str, route: str, roughness: str, fresnel: str, spp: Any, seed: Any, iterations: Any
+    parameters: str, route: str, alpha: Any, roughness: str, fresnel: str, spp: Any, seed: Any,
+    iterations: Any,
 ) -> None:  # fmt: skip
-    if mi.variant() is None or "_rgb" not in mi.variant() or "polarized" in mi.variant():
-        raise input_error(
-            f"variant {mi.variant()}", "an RGB variant", "Call mi.set_variant('llvm_ad_rgb')."
-        )
+    require_rgb()
     if fresnel == "exact" and parameters in ("nodes", "coefficients"):
         raise input_error(
             f"fresnel='exact' with parameters='{parameters}'",
@@ -175,20 +174,23 @@ def _check(
         )
     if route == "linear" and roughness == "unknown":
         raise input_error(
-            "route='linear' with roughness='unknown'",
-            "'hybrid' or 'gradient'",
+            "route='linear' with unknown roughness",
+            "'hybrid' or 'gradient', or a number for alpha",
             "Images are not linear in roughness.",
+        )
+    if roughness == "known" and (alpha is None or route == "hybrid"):
+        raise input_error(
+            f"route='{route}', alpha={alpha} with known roughness",
+            "'linear' or 'gradient' with a number for alpha",
+            "With 'hybrid', alpha is where the search starts.",
+        )
+    if alpha is not None and not is_real(alpha, *RANGES["alpha"]):
+        raise input_error(
+            f"alpha={alpha!r}", "a number from 0.005 to 1", "Leave it out if you do not know it."
         )
     for name, value, least in (("spp", spp, 2), ("seed", seed, 0), ("iterations", iterations, 1)):
         if value is not None and not is_whole(value, least):
             raise input_error(f"{name}={value!r}", f"an integer >= {least}", "See `recover`.")
-
-
-def _check_alpha(alpha: Any) -> None:
-    if not is_real(alpha, *RANGES["alpha"]):
-        raise input_error(
-            f"alpha={alpha!r}", "a number from 0.005 to 1", "Start at 0.2 if you do not know it."
-        )
 
 
 def _start(names: Sequence[str], given: Mapping[str, Any] | None) -> Array:
@@ -251,10 +253,10 @@ class _Run:
             search = self.seed_for(0)
             alpha, tried = search_roughness(
                 self.images, self.observed, spp=min(spp, _SEARCH_SPP), seed=search, alpha=alpha,
-                span=_SPAN, **options,
+                **options,
             )  # fmt: skip
             alpha, alpha_error, fit = refine_roughness(
-                self.images, self.observed, alpha, spp=spp, seed=self.seed_for(1), span=_SPAN,
+                self.images, self.observed, alpha, spp=spp, seed=self.seed_for(1),
                 turns=iterations, **options,
             )  # fmt: skip
         else:
@@ -263,10 +265,9 @@ class _Run:
                 iterations=iterations, **options,
             )  # fmt: skip
         x = fit.x
+        make: dict[str, Any] = {"distribution": self.distribution}
         if nodes:
-            exact = Images(
-                setups, "indices", self.basis, fresnel="exact", distribution=self.distribution
-            )
+            exact = Images(setups, "indices", self.basis, fresnel="exact", **make)
             self.others.append(exact)
             x = calibrate(
                 exact, fit, self.observed, alpha, spp=spp, seed=self.seed_for(1),
@@ -275,8 +276,15 @@ class _Run:
             self._record(inner, x, alpha)
         values, errors = self._named(x, fit, inner, first)
         message = "" if fit.converged else "Not converged: raise iterations or spp."
+        shown = self.images
+        rows = coefficients(values, self.basis).T
+        if self.fresnel == "exact":
+            shown, rows = exact, np.stack(indices(values))
+        half = max(1, spp // 2)
+        seeds = [derived_seed(self.seed_for(1), h) for h in (0, 1)]
+        seen = np.stack([shown.render(rows, alpha, half, own) for own in seeds])
         return self._finish(
-            route, values, errors, alpha, alpha_error, fit.model.predict(fit.x), fit.model.visible,
+            route, values, errors, alpha, alpha_error, seen, fit.model.visible,
             tried + fit.iterations, fit.converged, message,
             np.array([s.constrained for s in fit.channels]),
         )  # fmt: skip
@@ -332,13 +340,15 @@ class _Run:
                 halves[2].append(self.images.roughness_derivative(x, alpha, half, own))
         seen, columns = np.stack(halves[0]), np.stack(halves[1])
         visible = np.any(columns != 0.0, axis=(0, 2, 3))
-        newton, errors, alpha_error = self._local(seen, columns, halves[2], visible, x)
+        newton, errors, alpha_step, alpha_error = self._local(seen, columns, halves[2], visible, x)
         for i, name in enumerate(names):  # at the end of a range there is no going on
             low, high = RANGES.get(name, (-np.inf, np.inf))
             newton[i] = np.clip(x[i] + newton[i], low, high) - x[i]
         far = np.any(np.abs(newton) > 4.0 * errors + 0.02)
+        far |= abs(alpha_step) > 4.0 * alpha_error + 0.1 * alpha
         ended = at_the_end(names, x)
-        errors = np.hypot(errors, newton)  # what the descent left undone is unknown too
+        # what the descent left undone is unknown too
+        errors, alpha_error = np.hypot(errors, newton), float(np.hypot(alpha_error, alpha_step))
         message = ""
         if not found.converged:
             message = "Not converged: raise iterations, or start elsewhere."
@@ -360,8 +370,8 @@ class _Run:
 
     def _local(
         self, seen: Array, columns: Array, shared: list[Array], visible: Array, x: Array
-    ) -> tuple[Array, Array, float]:
-        """Newton's step from `x` (n, 3), standard errors, and that of alpha."""
+    ) -> tuple[Array, Array, float, float]:
+        """Newton's step from `x` (n, 3), standard errors, and both of alpha."""
         n = len(x)
         zero = np.zeros((n, 3))
         if shared:
@@ -370,7 +380,7 @@ class _Run:
             )
             errors = joint.standard_errors
             step = joint.x[:-1].reshape(3, n).T
-            return step, errors[:-1].reshape(3, n).T, float(errors[-1])
+            return step, errors[:-1].reshape(3, n).T, float(joint.x[-1]), float(errors[-1])
         weight = np.where(visible[:, None], self.observed.weight, 0.0)
         solutions: list[Solution] = [
             least_squares(
@@ -380,7 +390,7 @@ class _Run:
             for i in range(3)
         ]  # fmt: skip
         step = np.stack([s.x for s in solutions], axis=1)
-        return step, np.stack([s.standard_errors for s in solutions], axis=1), 0.0
+        return step, np.stack([s.standard_errors for s in solutions], axis=1), 0.0, 0.0
 
     # --- both ---
 

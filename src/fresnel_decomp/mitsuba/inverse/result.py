@@ -13,7 +13,7 @@ from ...basis import Basis
 from ...fresnel import conductor
 from ...parametrization import gulbrandsen_to_ior
 
-__all__ = ["Recovered", "Step", "coefficients", "curve"]
+__all__ = ["Recovered", "Step", "coefficients", "curve", "indices"]
 
 Array = NDArray[np.float64]
 
@@ -55,8 +55,8 @@ class Recovered:
         Of the decomposed curves.
     alpha : float
     residual : float
-        RMS difference between images and prediction over the conductor's pixels, relative to
-        their mean radiance.
+        RMS difference between the images and our renderings of what was recovered, over the
+        conductor's pixels, relative to their mean radiance.
     noise : float
         The same, as the noise of both would explain it. A residual far above says that the scene
         or the parameters cannot explain the images.
@@ -70,6 +70,9 @@ class Recovered:
         What to do if something is doubtful, else "".
     constrained : (3,) bool
         Channels in which bounds decided.
+    fresnel, distribution : str
+        How parameters make curves, and of which normals.
+    basis : Basis
     history : tuple of Step
     """
 
@@ -115,11 +118,12 @@ def curve(values: Mapping[str, Any], basis: Basis, fresnel: str, cos_theta: Any)
     """Reflectance (..., 3) of named parameters."""
     cosine = np.asarray(cos_theta, np.float64)[..., None]
     if fresnel == "exact":
-        return np.asarray(conductor(cosine, *_indices(values)))
+        return np.asarray(conductor(cosine, *indices(values)))
     return basis.evaluate(coefficients(values, basis), cosine)
 
 
-def _indices(values: Mapping[str, Any]) -> tuple[Any, Any]:
+def indices(values: Mapping[str, Any]) -> tuple[Any, Any]:
+    """(3,) eta and k of named parameters."""
     if "eta" in values:
         return np.asarray(values["eta"]), np.asarray(values["k"])
     return gulbrandsen_to_ior(np.asarray(values["r"]), np.asarray(values["g"]))
@@ -132,4 +136,4 @@ def coefficients(values: Mapping[str, Any], basis: Basis) -> Array:
     if "f0" in values:
         nodes = np.stack([values[f"f{i}"] for i in range(1, basis.terms - 1)], axis=-1)
         return np.asarray(basis.coefficients_from_reflectance(values["f0"], nodes))
-    return np.asarray(basis.coefficients(*_indices(values), poor_fit="keep"))
+    return np.asarray(basis.coefficients(*indices(values), poor_fit="keep"))

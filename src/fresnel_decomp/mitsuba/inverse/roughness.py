@@ -10,6 +10,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from ...inverse_fit import Solution, least_squares
+from .gradient import RANGES
 from .images import Images, derived_seed
 from .linear import LinearFit, Unknowns, linearise, require_visible, solve, solve_twice
 from .observed import Observed
@@ -17,6 +18,8 @@ from .observed import Observed
 __all__ = ["refine_roughness", "search_roughness", "solve_jointly"]
 
 Array = NDArray[np.float64]
+
+_GRID = 8  # roughnesses that are looked at first, each 2.1 times the last
 
 
 def search_roughness(
@@ -27,7 +30,6 @@ def search_roughness(
     seed: int,
     unknowns: Unknowns,
     alpha: float,
-    span: tuple[float, float],
     record: Any = None,
 ) -> tuple[float, int]:
     """The roughness whose best linear fit is best: a search in log alpha with the same samples.
@@ -48,12 +50,14 @@ def search_roughness(
             require_visible(model)
             channels = solve(model, observed, unknowns)
             tried[log_alpha] = float(sum(s.misfit for s in channels))
-            if record is not None:
+            if record is not None and tried[log_alpha] == min(tried.values()):
                 record(np.stack([s.x for s in channels], axis=1), a)
         return tried[log_alpha]
 
-    low, high = np.log(span)
-    grid = sorted({*np.linspace(low, high, 6).tolist(), float(np.clip(np.log(alpha), low, high))})
+    low, high = np.log(RANGES["alpha"])
+    grid = sorted(
+        {*np.linspace(low, high, _GRID).tolist(), float(np.clip(np.log(alpha), low, high))}
+    )
     values = [misfit(x) for x in grid]
     i = int(np.argmin(values))
     left, right = grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]
@@ -71,7 +75,6 @@ def refine_roughness(
     spp: int,
     seed: int,
     unknowns: Unknowns,
-    span: tuple[float, float],
     turns: int,
     record: Any = None,
 ) -> tuple[float, float, LinearFit]:
@@ -108,7 +111,9 @@ def refine_roughness(
             converged = True
             break
         if turn < turns:
-            alpha = float(np.clip(alpha + np.clip(step, -0.3 * alpha, 0.4 * alpha), *span))
+            alpha = float(
+                np.clip(alpha + np.clip(step, -0.3 * alpha, 0.4 * alpha), *RANGES["alpha"])
+            )
     return alpha, error, replace(fit, converged=converged)
 
 

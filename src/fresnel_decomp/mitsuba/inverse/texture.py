@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..._check import input_error, is_real, is_whole
 from ...basis import Basis, load_basis
 from ...inverse_fit import PRIOR_DEVIATION, nearest_feasible
-from .images import Images, Setup, derived_seed
+from .images import Images, Setup, derived_seed, require_rgb
 from .linear import Linearised, Unknowns, linearise, solve_twice
 from .observed import Observed, observe
 
@@ -138,10 +138,7 @@ def recover_texture(
     between neighbours costs less the larger it was (Geman and McClure 1987, by reweighting). The
     bounds are imposed texel by texel, after the solve.
     """
-    if mi.variant() is None or "_rgb" not in mi.variant() or "polarized" in mi.variant():
-        raise input_error(
-            f"variant {mi.variant()}", "an RGB variant", "Call mi.set_variant('llvm_ad_rgb')."
-        )
+    require_rgb()
     if len(shape) != 2 or not all(is_whole(n, 1) for n in shape):
         raise input_error(f"shape={shape}", "(height, width), both >= 1", "Use (32, 64).")
     if not is_real(contrast, 1e-4, 10.0):
