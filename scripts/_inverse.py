@@ -129,7 +129,7 @@ def curve_error(values: Values, basis: Any, fresnel: str, exact: np.ndarray) -> 
     """Largest error of the three curves, over half degrees."""
     from fresnel_decomp.mitsuba.inverse import curve
 
-    model = fresnel if "eta" in values else "decomposition"
+    model = fresnel if values.keys() & {"eta", "r"} else "decomposition"
     return float(np.abs(curve(values, basis, model, COSINES) - exact).max())
 
 
@@ -224,7 +224,9 @@ def _metal(setups: Sequence[Any], metal: str, spp: int, quick: bool) -> dict[str
     found = recover(images, setups, "indices", alpha=ALPHA, spp=16 if quick else 128)
     nodes = [step.values for step in found.history if "f0" in step.values][-1]
     results["nodes"] = {"error": curve_error(nodes, found.basis, "decomposition", exact)}
-    five = recover(images, setups, alpha=ALPHA, basis=load_basis(terms=5), spp=16 if quick else 128)
+    five = recover(
+        images, setups, alpha=ALPHA, basis=load_basis("balanced", 5), spp=16 if quick else 128
+    )
     results["five terms"] = {"error": float(np.abs(five.reflectance(COSINES) - exact).max())}
     results["indices"] = {
         "error": float(np.abs(found.reflectance(COSINES) - exact).max()),

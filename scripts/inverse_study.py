@@ -96,7 +96,7 @@ def metal_table(results: Mapping[str, Any]) -> str:
         five = found["five terms"]
         rows.append([metal, short(nodes["error"]), short(found["limit"]), short(five["error"]),
                      short(index["error"]), *pairs])  # fmt: skip
-    head = ("metal", "node colours", "fit at the nodes", "with five terms", "(eta, k)",
+    head = ("metal", "node colours", "fit at the nodes", "balanced, 5 terms", "(eta, k)",
             "eta, green", "k, green")  # fmt: skip
     return markdown(head, rows)
 
@@ -207,7 +207,7 @@ def draw_texture(folder: Path, path: Path) -> None:
 FIGURE = Figure(
     name=NAME,
     title="Inverse rendering: error against time and samples, and a sphere of two metals",
-    minutes=10.0,
+    minutes=11.0,
     compute=compute,
     draw=draw,
     pictures=("inverse_routes.png", "inverse_two_metals.png"),
