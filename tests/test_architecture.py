@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import itertools
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -161,7 +162,7 @@ def read_map(block: str, known: dict[str, Module]) -> Map:
             ]
             for name in (name for step in steps for name in step):
                 found.group.setdefault(name, number)
-            for before, after in zip(steps, steps[1:], strict=False):
+            for before, after in itertools.pairwise(steps):
                 found.arrows += [(a, b) for a in before for b in after]
     return found
 
@@ -301,3 +302,36 @@ def test_relative_imports_go_up(tmp_path: Path):
     found = modules_of(tmp_path, "p")
     assert found["c.d"].loaded == {"b", "c.e"}
     assert found["c"].loaded == {"c.d"}
+
+
+# --- the reference -------------------------------------------------------------------------------
+
+ELSEWHERE = {
+    "cli": "commands are on docs/command_line.md",
+    "notebook": "on docs/notebook.md",
+}
+"""Modules without a place in docs/api, and where they have it."""
+
+
+def test_every_public_module_is_in_the_reference():
+    pages = sorted((ROOT / "docs" / "api").glob("*.md"))
+    text = "".join(page.read_text(encoding="utf-8") for page in pages)
+    listed = re.findall(r"^\.\. automodule:: fresnel_decomp\.(\S+)$", text, re.M)
+    assert len(listed) == len(set(listed))
+    public = {
+        name
+        for name, module in MODULES.items()
+        if not any(part.startswith("_") for part in name.split("."))
+        and module.path.name != "__init__.py"
+        and top(name) not in ELSEWHERE
+    }
+    assert public - {""} <= set(listed)
+    assert not set(listed) - set(MODULES)
+
+
+def test_headings_of_the_reference_are_modules():
+    for page in (ROOT / "docs" / "api").glob("*.md"):
+        text = page.read_text(encoding="utf-8")
+        headings = re.findall(r"^## (\S+)\n\n```\{eval-rst\}\n\.\. automodule:: (\S+)$", text, re.M)
+        assert [f"fresnel_decomp.{name}" for name, _ in headings] == [m for _, m in headings]
+        assert len(headings) == text.count("automodule::")
