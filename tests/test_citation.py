@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from fresnel_decomp import __version__
+
 yaml = pytest.importorskip("yaml")
 jsonschema = pytest.importorskip("jsonschema")
 
@@ -120,3 +122,19 @@ def test_it_names_the_talk_and_this_licence() -> None:
     assert talk["title"].replace("Fresnel", "{Fresnel}").split(":")[0] in page
     assert talk["doi"] in page
     assert found["version"] in page
+
+
+def test_version_and_year_are_said_alike() -> None:
+    """In CITATION.cff, in the BibTeX entry, in the package; the changelog once it has a date."""
+    found = citation()
+    page = (ROOT / "docs" / "cite.md").read_text(encoding="utf-8")
+    entry = re.search(r"@software\{.*?\n\}", page, re.S)
+    assert entry
+    fields = dict(re.findall(r"^  (\w+) *= \{(.*)\},$", entry[0], re.M))
+    assert fields["version"] == found["version"] == __version__
+    assert fields["year"] == found["date-released"][:4]
+    assert fields["license"] == found["license"]
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    heading = re.search(rf"^## {re.escape(__version__)} \((.*)\)$", changes, re.M)
+    assert heading
+    assert heading[1] in ("unreleased", found["date-released"])
