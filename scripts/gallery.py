@@ -3,8 +3,9 @@
     python scripts/gallery.py          # writes the page
     python scripts/gallery.py --check  # only says what is missing
 
-Pictures of scripts that `reproduce.py` runs are known from there; the others are listed here. It is
-an error if docs/figures holds a picture that nothing makes, or lacks one that something does.
+Pictures of scripts that `reproduce.py` runs are known from there; the others are listed here. What
+a picture shows is said once, as its alternative text on the page that explains it. It is an error
+if docs/figures holds a picture that nothing makes, or lacks one that something does.
 """
 
 from __future__ import annotations
@@ -87,12 +88,27 @@ after an interruption.
 
 @dataclass(frozen=True)
 class Entry:
-    """A picture."""
+    """A picture.
+
+    Attributes
+    ----------
+    name : str
+        Of its file.
+    title : str
+        The caption.
+    command : str
+        That makes it.
+    page : str
+        That explains it.
+    alt : str
+        What it shows.
+    """
 
     name: str
     title: str
     command: str
     page: str
+    alt: str
 
 
 def entries() -> list[Entry]:
@@ -100,12 +116,14 @@ def entries() -> list[Entry]:
     found = []
     for figure in FIGURES.values():
         pictures = [name for name in figure.pictures if name.endswith(".png")]  # no tables
-        for number, picture in enumerate(pictures):
-            count = len(pictures)
-            title = figure.title if count == 1 else f"{figure.title} ({number + 1} of {count})"
+        for picture in pictures:
+            page = page_of(picture)
+            alt = alt_of(picture, page)
+            title = figure.title if len(pictures) == 1 else alt
             command = f"python scripts/reproduce.py --only {figure.name}"
-            found.append(Entry(picture, title, command, page_of(picture)))
-    found += [Entry(name, *about) for name, about in OTHERS.items()]
+            found.append(Entry(picture, title, command, page, alt))
+    for name, (title, command, page) in OTHERS.items():
+        found.append(Entry(name, title, command, page, alt_of(name, page)))
     return found
 
 
@@ -120,6 +138,24 @@ def page_of(picture: str) -> str:
         "pictures that a page explains",
         "Add it to one, or delete it.",
     )
+
+
+def alt_of(picture: str, page: str) -> str:
+    """The alternative text that a page gives a picture, as one line.
+
+    Raises
+    ------
+    InputError
+        If it gives none.
+    """
+    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    figure = rf"\{{figure\}} figures/{re.escape(picture)}\n"
+    shown = re.search(figure + r":alt: (.+(?:\n +.+)*)", text)
+    if shown is None:
+        raise input_error(
+            f"docs/{page}.md does not say what '{picture}' shows", "a figure with :alt:", "Add it."
+        )
+    return " ".join(shown[1].split()).removesuffix(".")
 
 
 def check(found: list[Entry]) -> None:
@@ -150,7 +186,7 @@ def text(found: list[Entry]) -> str:
     parts = [INTRODUCTION]
     for entry in found:
         parts.append(
-            f"```{{figure}} figures/{entry.name}\n:alt: {entry.title}\n:width: 70%\n\n"
+            f"```{{figure}} figures/{entry.name}\n:alt: {entry.alt}\n:width: 70%\n\n"
             f"{entry.title}. [More]({entry.page}.md)\n\n`{entry.command}`\n```\n"
         )
     return "\n".join(parts)

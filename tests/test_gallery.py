@@ -60,10 +60,20 @@ def test_pictures_are_on_the_page_that_they_link_to(gallery: Any) -> None:
         assert f"figures/{entry.name}" in page, entry.name
 
 
-def test_pictures_without_a_command_are_refused(gallery: Any, monkeypatch: Any) -> None:
+def test_pictures_without_a_command_are_refused(gallery: Any) -> None:
     found = gallery.entries()
     with pytest.raises(InputError, match=found[-1].name):
         gallery.check(found[:-1])
-    monkeypatch.setitem(gallery.OTHERS, "none.png", ("x", "python scripts/none.py", "speed"))
+    none = gallery.Entry("none.png", "x", "python scripts/none.py", "speed", "y")
     with pytest.raises(InputError, match=r"missing: \['none\.png'\]"):
-        gallery.check(gallery.entries())
+        gallery.check([*found, none])
+
+
+def test_every_picture_says_what_it_shows(gallery: Any) -> None:
+    """In words of its own, which are those of the page that explains it."""
+    found = gallery.entries()
+    for said in ([entry.title for entry in found], [entry.alt for entry in found]):
+        assert len(set(said)) == len(said)
+        assert all(len(words) > 15 and "\n" not in words for words in said)
+    with pytest.raises(InputError, match=r"does not say what 'none\.png' shows"):
+        gallery.alt_of("none.png", "speed")
