@@ -8,7 +8,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ import _kept
 from _figure import Job
 from fresnel_decomp import AlbedoTable, Basis, Exact, load_basis
 from fresnel_decomp.area_light import CORRECTIONS, AreaLight, AreaMaterial
-from fresnel_decomp.images import nrmse, read_exr
+from fresnel_decomp.images import nrmse
 from fresnel_decomp.ltc import load_lobes
 from fresnel_decomp.subjects import Subject, from_indices, from_material
 
@@ -253,8 +252,3 @@ def compute(job: Job) -> dict[str, Any]:
     with variant_scope(job.settings["variant"]):
         study = Study(job)
         return {"scenes": {scene.stem: study.compare(scene) for scene in SCENES}}
-
-
-def read_image(folder: Path, scene: Scene, name: str) -> np.ndarray:
-    """An image of a finished study, linear."""
-    return read_exr(folder / f"{scene.stem}_{name}.exr")

@@ -10,7 +10,8 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Callable, Mapping
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -19,6 +20,13 @@ from fresnel_decomp._files import write_json
 from fresnel_decomp.images import read_exr, read_exr_attributes, write_exr
 
 _MADE_FROM = "madeFrom"  # attribute of the EXR files
+
+
+class Scene(Protocol):
+    """What a study renders; its files begin with the stem."""
+
+    @property
+    def stem(self) -> str: ...
 
 
 def image(job: Job, stem: str, make: Callable[[], np.ndarray], **what: Any) -> np.ndarray:
@@ -31,6 +39,11 @@ def image(job: Job, stem: str, make: Callable[[], np.ndarray], **what: Any) -> n
             return read_exr(path)
     write_exr(path, make(), {_MADE_FROM: text})
     return read_exr(path)
+
+
+def image_of(folder: Path, scene: Scene, name: str) -> np.ndarray:
+    """An image of a finished study, linear."""
+    return read_exr(folder / f"{scene.stem}_{name}.exr")
 
 
 def table(

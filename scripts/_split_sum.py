@@ -20,7 +20,6 @@ from fresnel_decomp.images import (
     compare,
     delta_e,
     nrmse,
-    read_exr,
 )
 from fresnel_decomp.subjects import Subject, from_gulbrandsen, from_indices, from_material
 
@@ -300,13 +299,8 @@ def compute(job: Job) -> dict[str, Any]:
         return results
 
 
-def read_image(folder: Path, scene: Scene, name: str) -> np.ndarray:
-    """An image of a finished study, linear."""
-    return read_exr(folder / f"{scene.stem}_{name}.exr")
-
-
 def reference_image(folder: Path, scene: Scene) -> np.ndarray:
     """Mean of the two path-traced images with the exact Fresnel term."""
     return 0.5 * (
-        read_image(folder, scene, "mc_exact") + read_image(folder, scene, "mc_exact_again")
+        _kept.image_of(folder, scene, "mc_exact") + _kept.image_of(folder, scene, "mc_exact_again")
     )

@@ -25,10 +25,10 @@ from _area_lights import (
     SHOWN,
     Scene,
     compute,
-    read_image,
 )
 from _figure import Figure, read_sidecar
 from _figure_commands import main, study
+from _kept import image_of
 from _markdown import markdown, marks
 from _page import Page
 from fresnel_decomp.area_light import CORRECTIONS
@@ -193,8 +193,8 @@ def draw_object(results: Results, folder: Path, name: str, path: Path) -> None:
             for part, alpha in enumerate(ALPHAS):
                 scene = Scene(name, shape, alpha)
                 start = left + part * block
-                reference = read_image(folder, scene, f"{material}_mc_exact")
-                image = read_image(folder, scene, f"{material}_ltc_{SHOWN}_{correction}")
+                reference = image_of(folder, scene, f"{material}_mc_exact")
+                image = image_of(folder, scene, f"{material}_ltc_{SHOWN}_{correction}")
                 scale = 2.0 ** EXPOSURES.get(material, 0.0)
                 page.picture(start, y, side, reference * scale)
                 page.picture(start + side + gap, y, side, image * scale)

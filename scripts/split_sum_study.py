@@ -17,6 +17,7 @@ import numpy as np
 
 from _figure import Figure, read_sidecar
 from _figure_commands import main, study
+from _kept import image_of
 from _page import Page
 from _split_sum import (
     ALPHAS,
@@ -30,7 +31,6 @@ from _split_sum import (
     compute,
     light_effort,
     prefiltered,
-    read_image,
     reference_image,
 )
 from fresnel_decomp._files import replacing
@@ -269,7 +269,7 @@ def draw_spheres(results: Results, folder: Path, path: Path) -> None:
                     if model is None:
                         image, title, text = reference_image(folder, scene), "path traced", ""
                     else:
-                        image = read_image(folder, scene, f"split_{model}")
+                        image = image_of(folder, scene, f"split_{model}")
                         title = f"split-sum,\n{LABELS[model]}"
                         numbers = results["scenes"][scene.stem]["split_sum"][model]
                         text = f"ΔE$_{{00}}$ {numbers['delta_e']:.2f}"
@@ -299,7 +299,7 @@ def draw_edge_tint(results: Results, folder: Path, path: Path) -> None:
                 if model is None:
                     image, title = reference_image(folder, scene), "path traced"
                 else:
-                    image = read_image(folder, scene, f"split_{model}")
+                    image = image_of(folder, scene, f"split_{model}")
                     title = f"split-sum,\n{LABELS[model]}"
                     found = results["scenes"][scene.stem]
                     lines = [f"to path traced: {found['split_sum'][model]['delta_e']:.2f}"]
@@ -348,7 +348,7 @@ def draw_lights(results: Results, folder: Path, path: Path) -> None:
                     if model == "reference":
                         image = reference_image(folder, scene)
                     else:
-                        image = read_image(folder, scene, f"split_{model}")
+                        image = image_of(folder, scene, f"split_{model}")
                         numbers = results["scenes"][scene.stem]["split_sum"][model]
                         text = (f"NRMSE {100 * numbers['nrmse']:.1f} %, "
                                 f"ΔE$_{{00}}$ {numbers['delta_e']:.2f}")  # fmt: skip

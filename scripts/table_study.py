@@ -28,6 +28,7 @@ from _figure_commands import main, study
 from _markdown import markdown, marks
 from _page import GREY, Page
 from fresnel_decomp import AlbedoTable, directional_albedo, load_basis
+from fresnel_decomp._schlick import schlick_functions
 from fresnel_decomp.fast_curves import FastCurves
 from fresnel_decomp.report import style
 from fresnel_decomp.table_layout import Layout
@@ -153,17 +154,12 @@ def compute(job: Job) -> dict[str, Any]:
         {"mu": columns[0].ravel(), "alpha": columns[1].ravel(), "error": error.ravel()},
     )
     job.report("Schlick's two terms", 0.98)
-    two = AlbedoTable.bake(_schlick_terms, 64)
-    integrals = _kept_rows(job, "exact-schlick", lambda: _exact(_schlick_terms, mu, alpha))
+    two = AlbedoTable.bake(schlick_functions, 64)  # the pair that Karis 2013 preintegrates
+    integrals = _kept_rows(job, "exact-schlick", lambda: _exact(schlick_functions, mu, alpha))
     difference = two.lookup(mu, alpha[:, None]) - integrals.reshape(len(alpha), len(mu), -1)
     f0 = coefficients[:, :1]
     schlick = _errors(difference, np.concatenate([f0, 1.0 - f0], axis=1), mu, alpha)
     return {"layouts": results, "formats": formats, "schlick": {"bytes": 4 * 64**2, **schlick}}
-
-
-def _schlick_terms(cos_theta: np.ndarray) -> np.ndarray:
-    """1 and (1 - cos)^5, the pair that Karis 2013 preintegrates."""
-    return np.stack([np.ones_like(cos_theta), (1.0 - cos_theta) ** 5], axis=-1)
 
 
 def _exact(basis: Any, mu: np.ndarray, alpha: np.ndarray) -> np.ndarray:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from ._arguments import one_kind
 from ._array import multiply_add
 from .parametrization import F82_COSINE
 
-__all__ = ["bend_factor", "bent_schlick", "schlick"]
+__all__ = ["bend_factor", "bent_schlick", "schlick", "schlick_functions"]
 
 
 def schlick(f0: Any, cos_theta: Any) -> Any:
@@ -17,6 +19,11 @@ def schlick(f0: Any, cos_theta: Any) -> Any:
     x = 1.0 - cos_theta
     x2 = x * x
     return multiply_add(1.0 - f0, x2 * x2 * x, f0)
+
+
+def schlick_functions(cos_theta: np.ndarray) -> np.ndarray:
+    """1 and (1 - cos)^5, of which the curve is a sum with weights F0 and 1 - F0."""
+    return np.stack([np.ones_like(cos_theta), (1.0 - cos_theta) ** 5], axis=-1)
 
 
 def bent_schlick(f0: Any, a: Any, cos_theta: Any) -> Any:

@@ -33,8 +33,8 @@ class FastCurves:
 
     Attributes
     ----------
-    samples : (n + 1, terms) float
-        At cosines (i / n)².
+    samples : (n + 1, m) float
+        Values of m functions at cosines (i / n)².
     """
 
     samples: np.ndarray

@@ -26,7 +26,6 @@ few texels hold them.
 from __future__ import annotations
 
 import functools
-import hashlib
 import json
 import math
 import os
@@ -218,7 +217,7 @@ class LobeTable:
     @property
     def sha256(self) -> str:
         """Hash of the values, as little-endian float32 in the order of the array."""
-        return hashlib.sha256(self.values.astype("<f4").tobytes()).hexdigest()
+        return self._grid.sha256
 
     def lobe(self, mu: Any, alpha: Any) -> Lobe:
         """The lobe for a view angle and roughness: one bilinear fetch and a product of matrices.

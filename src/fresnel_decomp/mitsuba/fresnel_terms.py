@@ -1,11 +1,12 @@
 """What a conductor is made of, and which Fresnel term is made from it.
 
-A *material* is a set of parameters that determines reflectance: `Indices` (eta, k), `Gulbrandsen`
-(r, g), `NodeColours` (f0, f1, ...) or `Coefficients` (c0, c1, ...). A *term* (`Exact`, `Schlick`,
-`F82`, `Decomposition`) says which numbers it needs of a material (`project`, done once, on flat
-arrays) and evaluates them at a shading point (calling it, per channel).
+A `Material` holds one set of parameters that determines reflectance, and its kind says which:
+"indices" (eta, k), "gulbrandsen" (r, g), "nodes" (f0, f1, ...), "coefficients" (c0, c1, ...). A
+*term* (`Exact`, `Lossless`, `Schlick`, `F82`, `Decomposition`) says which numbers it needs of a
+material (`project`, done once, on flat arrays) and evaluates them at a shading point (calling it,
+per channel).
 
-All terms but the exact one are sums of few `functions` of the cosine, times the `weights` that
+All terms but the exact ones are sums of few `functions` of the cosine, times the `weights` that
 follow from the numbers: what can be integrated ahead of time.
 """
 
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import mitsuba as mi
 import numpy as np
 
-from .._schlick import bend_factor, bent_schlick, schlick
+from .._schlick import bend_factor, bent_schlick, schlick, schlick_functions
 from ..fresnel import conductor, dielectric
 from ..parametrization import F82_COSINE, gulbrandsen_to_ior
 from .variants import unpolarized
@@ -105,9 +106,7 @@ class Schlick:
     def __call__(self, cos_theta: Any, f0: Any) -> Any:
         return schlick(f0, cos_theta)
 
-    @staticmethod
-    def functions(cos_theta: np.ndarray) -> np.ndarray:
-        return np.stack([np.ones_like(cos_theta), (1.0 - cos_theta) ** 5], axis=-1)
+    functions = staticmethod(schlick_functions)
 
     @staticmethod
     def weights(f0: Any) -> tuple[Any, ...]:
@@ -128,7 +127,7 @@ class F82:
     @staticmethod
     def functions(cos_theta: np.ndarray) -> np.ndarray:
         bend = cos_theta * (1.0 - cos_theta) ** 6
-        return np.concatenate([Schlick.functions(cos_theta), bend[..., None]], axis=-1)
+        return np.concatenate([schlick_functions(cos_theta), bend[..., None]], axis=-1)
 
     @staticmethod
     def weights(f0: Any, a: Any) -> tuple[Any, ...]:
