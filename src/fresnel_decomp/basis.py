@@ -485,6 +485,14 @@ def load_basis(recipe: str | os.PathLike[str] = "talk", terms: int | None = None
     ------
     InputError
         For an unknown recipe or number of terms, and files that hold no such basis.
+
+    Examples
+    --------
+    >>> from fresnel_decomp import load_basis
+    >>> load_basis()
+    Basis(recipe='talk', nodes=array([1.45, 1.31]))
+    >>> load_basis("balanced", terms=5).terms
+    5
     """
     if not isinstance(recipe, str) or recipe.endswith(".json"):
         basis = _from_file(Path(recipe))

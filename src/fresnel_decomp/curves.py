@@ -40,6 +40,15 @@ class CurveSet:
     ------
     InputError
         If eta and k are not two rows of that kind.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fresnel_decomp import CurveSet
+    >>> metals = CurveSet("two metals", np.array([0.18, 2.9]), np.array([3.4, 3.1]))
+    >>> metals.reflectance([1.0, 0.2]).round(4)
+    array([[0.9444, 0.945 ],
+           [0.5326, 0.5322]])
     """
 
     name: str

@@ -101,6 +101,12 @@ def transmittance(cos_theta: Any, eta: Any, k: Any = 0.0, *, precision: Precisio
     """1 - R, accurate where R is near 1 (strong conductors, grazing incidence).
 
     Parameters, return value and errors as for `conductor`.
+
+    Examples
+    --------
+    >>> from fresnel_decomp import transmittance
+    >>> round(transmittance(0.5, 1.5), 4)
+    0.9108
     """
     return _evaluate(_equations.reflectance, (cos_theta, eta, k), precision)[1]
 
@@ -111,6 +117,12 @@ def polarized(
     """(R_s, R_p): reflectances for light polarised perpendicular and parallel to the plane.
 
     Parameters and errors as for `conductor`.
+
+    Examples
+    --------
+    >>> from fresnel_decomp import polarized
+    >>> [round(r, 4) for r in polarized(0.5, 1.5)]  # near Brewster's angle
+    [0.1766, 0.0018]
     """
     return reflectance_components(cos_theta, eta, k, precision=precision)[:2]
 
@@ -121,6 +133,12 @@ def reflectance_components(
     """(R_s, R_p, T_s, T_p), each accurate on its own: T = 1 - R without its cancellation.
 
     Parameters and errors as for `conductor`.
+
+    Examples
+    --------
+    >>> from fresnel_decomp import reflectance_components
+    >>> [round(part, 4) for part in reflectance_components(0.5, 1.5)]
+    [0.1766, 0.0018, 0.8234, 0.9982]
     """
     R_s, T_s, R_p, T_p = _evaluate(_equations.components, (cos_theta, eta, k), precision)
     return R_s, R_p, T_s, T_p
@@ -145,6 +163,12 @@ def refracted_cosine(cos_theta: Any, eta: Any, *, precision: Precision = "wide")
     ------
     InputError
         For scalars outside the ranges above; arrays follow the rule of this module.
+
+    Examples
+    --------
+    >>> from fresnel_decomp import refracted_cosine
+    >>> round(refracted_cosine(0.5, 1.5), 4)
+    0.8165
     """
     return _evaluate(_equations.refraction, (cos_theta, eta), precision)[0]
 

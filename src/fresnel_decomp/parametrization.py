@@ -22,12 +22,26 @@ F82_COSINE = 1.0 / 7.0
 
 
 def f0_from_ior(eta: Any, k: Any) -> Any:
-    """Reflectance at normal incidence, ((eta - 1)² + k²) / ((eta + 1)² + k²), in [0, 1)."""
+    """Reflectance at normal incidence, ((eta - 1)² + k²) / ((eta + 1)² + k²), in [0, 1).
+
+    Examples
+    --------
+    >>> from fresnel_decomp import f0_from_ior
+    >>> round(f0_from_ior(1.5, 0.0), 6)
+    0.04
+    """
     return conductor(1.0, eta, k)
 
 
 def f82_from_ior(eta: Any, k: Any) -> Any:
-    """Exact reflectance at cos_theta = 1/7, in [0, 1]."""
+    """Exact reflectance at cos_theta = 1/7, in [0, 1].
+
+    Examples
+    --------
+    >>> from fresnel_decomp import f82_from_ior
+    >>> round(f82_from_ior(0.18, 3.4), 4)
+    0.9542
+    """
     return conductor(F82_COSINE, eta, k)
 
 
@@ -94,6 +108,12 @@ def ior_to_gulbrandsen(eta: Any, k: Any) -> tuple[Any, Any]:
     ------
     InputError
         For scalars outside the ranges above.
+
+    Examples
+    --------
+    >>> from fresnel_decomp import ior_to_gulbrandsen
+    >>> [round(value, 4) for value in ior_to_gulbrandsen(0.18, 3.4)]
+    [0.9444, 0.9978]
     """
     r = f0_from_ior(eta, k)  # checks the ranges
     ops = ops_for(eta, k)

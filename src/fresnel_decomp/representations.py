@@ -44,6 +44,13 @@ class NodeColours:
     f0 : (...) float
     f_nodes : (..., terms - 2) float, or for Dr.Jit a sequence of terms - 2 arrays
     basis : Basis
+
+    Examples
+    --------
+    >>> from fresnel_decomp import NodeColours, load_basis
+    >>> metal = NodeColours(f0=0.9, f_nodes=[0.91, 0.92], basis=load_basis())
+    >>> round(float(metal(1.0)), 4)
+    0.9
     """
 
     name: ClassVar[str] = "nodes"
@@ -124,6 +131,12 @@ class MetallicBase:
     InputError
         For values outside of these ranges. Dr.Jit arrays are not looked at: that would evaluate
         them.
+
+    Examples
+    --------
+    >>> from fresnel_decomp import MetallicBase
+    >>> round(MetallicBase(base_colour=0.9, metallic=0.5).f0, 4)
+    0.47
     """
 
     name: ClassVar[str] = "metallic_base"
