@@ -119,7 +119,8 @@ def recover(
 
     Examples
     --------
-    >>>     >>> mi.set_variant("scalar_rgb")
+    >>> import mitsuba as mi
+    >>> mi.set_variant("scalar_rgb")
     >>> from fresnel_decomp.mitsuba import register
     >>> from fresnel_decomp.mitsuba.comparison import render_scene
     >>> from fresnel_decomp.mitsuba.inverse import recover
