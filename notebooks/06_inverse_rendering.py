@@ -54,16 +54,23 @@ show({f"image {i + 1}": image for i, image in enumerate(images)}, 0.5)
 # %% [markdown]
 # ## 2. Images are linear in the coefficients
 #
-# The first scene with $c_i = 1$ and all other coefficients 0: the image of each basis function,
-# signed. Any metal's image is a sum of these four, weighed by its coefficients.
+# The first scene in white ($c_0 = 1$, all others 0), and in white with one more $c_i = 1$: what
+# that adds is the image of the basis function $b_i$, signed. Any metal's image is a sum of these
+# four, weighed by its coefficients. A picture of $b_i$ alone would not do everywhere: scalar
+# variants of Mitsuba drop negative samples.
 
 # %%
 basis = fd.load_basis()
-parts = []
-for i in range(basis.terms):
-    unit = {f"c{j}": float(i == j) for j in range(basis.terms)}
-    bsdf = {"type": "decomposed_conductor", "alpha": alpha, "distribution": "ggx", **unit}
-    parts.append(render(mi.load_dict(scenes[0](bsdf)), spp, seed=1))
+
+
+def in_white(**more: float) -> np.ndarray:
+    bsdf = {"type": "decomposed_conductor", "alpha": alpha, "distribution": "ggx", "c0": 1.0}
+    bsdf |= {f"c{i}": 0.0 for i in range(1, basis.terms)} | more
+    return render(mi.load_dict(scenes[0](bsdf)), spp, seed=1)
+
+
+white = in_white()
+parts = [white, *(in_white(**{f"c{i}": 1.0}) - white for i in range(1, basis.terms))]
 maps = {f"$b_{i}$": part.mean(axis=-1) for i, part in enumerate(parts)}
 show({}, maps=maps, limit=1.0, width=8)
 c = basis.coefficients(eta, k)
