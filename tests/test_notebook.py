@@ -197,6 +197,13 @@ class TestText:
         ]  # fmt: skip
         assert [getattr(node, "module", "") for node in imports] == ["fresnel_decomp.notebook"]
 
+    def test_a_missing_package_is_told(self, path: Path, monkeypatch: pytest.MonkeyPatch):
+        first = next(cell for cell in cells(path) if cell.cell_type == "code")
+        monkeypatch.setitem(sys.modules, "fresnel_decomp.notebook", None)
+        with pytest.raises(ModuleNotFoundError, match=r"%pip install \./clone ") as told:
+            exec(first.source, {})
+        assert "fresnel_decomp.notebook" in str(told.value)
+
     def test_is_text_and_says_what_it_does(self, path: Path):
         kinds = [cell.cell_type for cell in cells(path)]
         assert kinds[0] == "markdown"
