@@ -62,8 +62,8 @@ show({f"image {i + 1}": image for i, image in enumerate(images)}, 0.5)
 #
 # The first scene in white ($c_0 = 1$, all others 0), and in white with one more $c_i = 1$: what
 # that adds is the image of the basis function $b_i$, signed. Any metal's image is a sum of these
-# four, weighed by its coefficients. A picture of $b_i$ alone would not do everywhere: scalar
-# variants of Mitsuba drop negative samples.
+# four, weighed by its coefficients. The detour is for scalar variants of Mitsuba, which
+# warn of every negative sample, as $b_i$ alone would give them.
 
 # %%
 basis = fd.load_basis()
