@@ -17,14 +17,17 @@ STAMPS := $(VENV)/.stamps
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 WORKERS ?= 2
 ARGS ?=
+# What holds the slow tests without which no change lands: the package and the notebooks from a
+# clean installation, the documentation with its links, and the bound on inverse rendering.
+ACCEPTANCE := tests/test_distribution.py tests/test_docs.py tests/test_inverse.py
 
 # Another environment's settings must not reach into ours.
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 
-.PHONY: help demo test test-slow lint format docs notebooks figures constraints llvm clean
+.PHONY: help demo test test-acceptance test-remaining test-slow lint format docs notebooks figures constraints llvm clean
 
 help: ## List the targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-15s %s\n", $$1, $$2 }' Makefile
 
 demo: $(STAMPS)/package llvm ## Set up, compare Beryllium's Fresnel models, say where the pictures are
 	$(BIN)/fresnel-decomp compare Be --out out/Be $(ARGS)
@@ -33,8 +36,13 @@ demo: $(STAMPS)/package llvm ## Set up, compare Beryllium's Fresnel models, say 
 test: $(STAMPS)/test llvm ## Set up and run the quick tests
 	$(BIN)/python -m pytest -n $(WORKERS) -m "not slow" $(ARGS)
 
-test-slow: $(STAMPS)/test llvm ## Run the slow tests
-	$(BIN)/python -m pytest -n $(WORKERS) -m slow $(ARGS)
+test-acceptance: $(STAMPS)/test $(STAMPS)/docs llvm ## Run the slow tests that come first
+	$(BIN)/python -m pytest -n $(WORKERS) -m slow $(ACCEPTANCE) $(ARGS)
+
+test-remaining: $(STAMPS)/test llvm ## Run the other slow tests
+	$(BIN)/python -m pytest -n $(WORKERS) -m slow $(ACCEPTANCE:%=--ignore=%) $(ARGS)
+
+test-slow: test-acceptance test-remaining ## Run the slow tests
 
 lint: $(STAMPS)/lint ## Check style, format and types
 	$(BIN)/ruff check .
@@ -45,8 +53,11 @@ format: $(STAMPS)/lint ## Repair style and format
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-docs: $(STAMPS)/docs llvm ## Build the documentation in docs/_build/html; warnings are errors
+docs: $(STAMPS)/docs llvm ## Build docs/_build/html; warnings and broken links are errors
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
+	@PYTHONPATH=tests $(BIN)/python -c 'import sys, pathlib, links; \
+	  sys.exit("\n".join(links.broken_links(pathlib.Path("docs/_build/html"))) or 0)' || { \
+	  echo "Links that lead nowhere. In pages that are no more? make clean" >&2; exit 1; }
 	@echo "Open docs/_build/html/index.html"
 
 notebooks: $(STAMPS)/test llvm ## Execute the notebooks

@@ -20,8 +20,14 @@
 # shade with it.
 
 # %%
-# Is the package missing, as in Colab? Clone its repository and run %pip install PATH_TO_CLONE
-from fresnel_decomp.notebook import explore, fast, fd, mi, np, plt, show, style
+try:
+    from fresnel_decomp.notebook import explore, fast, fd, mi, np, plt, show, style
+except ModuleNotFoundError as missing:  # as in Colab
+    raise ModuleNotFoundError(
+        f"{missing}. In cells of their own run !git clone ADDRESS_OF_THE_REPOSITORY clone and "
+        "%pip install ./clone (in the notebooks folder of a clone: just %pip install ..), "
+        "then run this cell again."
+    ) from None
 
 print(mi.variant())
 

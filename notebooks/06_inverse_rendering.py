@@ -20,8 +20,14 @@
 # race the solve against descent.
 
 # %%
-# Is the package missing, as in Colab? Clone its repository and run %pip install PATH_TO_CLONE
-from fresnel_decomp.notebook import fast, fd, mi, np, plt, show, style
+try:
+    from fresnel_decomp.notebook import fast, fd, mi, np, plt, show, style
+except ModuleNotFoundError as missing:  # as in Colab
+    raise ModuleNotFoundError(
+        f"{missing}. In cells of their own run !git clone ADDRESS_OF_THE_REPOSITORY clone and "
+        "%pip install ./clone (in the notebooks folder of a clone: just %pip install ..), "
+        "then run this cell again."
+    ) from None
 
 print(mi.variant())
 
@@ -54,16 +60,23 @@ show({f"image {i + 1}": image for i, image in enumerate(images)}, 0.5)
 # %% [markdown]
 # ## 2. Images are linear in the coefficients
 #
-# The first scene with $c_i = 1$ and all other coefficients 0: the image of each basis function,
-# signed. Any metal's image is a sum of these four, weighed by its coefficients.
+# The first scene in white ($c_0 = 1$, all others 0), and in white with one more $c_i = 1$: what
+# that adds is the image of the basis function $b_i$, signed. Any metal's image is a sum of these
+# four, weighed by its coefficients. The detour is for scalar variants of Mitsuba, which
+# warn of every negative sample, as $b_i$ alone would give them.
 
 # %%
 basis = fd.load_basis()
-parts = []
-for i in range(basis.terms):
-    unit = {f"c{j}": float(i == j) for j in range(basis.terms)}
-    bsdf = {"type": "decomposed_conductor", "alpha": alpha, "distribution": "ggx", **unit}
-    parts.append(render(mi.load_dict(scenes[0](bsdf)), spp, seed=1))
+
+
+def in_white(**more: float) -> np.ndarray:
+    bsdf = {"type": "decomposed_conductor", "alpha": alpha, "distribution": "ggx", "c0": 1.0}
+    bsdf |= {f"c{i}": 0.0 for i in range(1, basis.terms)} | more
+    return render(mi.load_dict(scenes[0](bsdf)), spp, seed=1)
+
+
+white = in_white()
+parts = [white, *(in_white(**{f"c{i}": 1.0}) - white for i in range(1, basis.terms))]
 maps = {f"$b_{i}$": part.mean(axis=-1) for i, part in enumerate(parts)}
 show({}, maps=maps, limit=1.0, width=8)
 c = basis.coefficients(eta, k)

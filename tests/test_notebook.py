@@ -1,4 +1,7 @@
-"""The one import of notebooks, pictures and sliders without a kernel; the notebooks themselves."""
+"""The one import of notebooks, pictures and sliders without a kernel; the notebooks as text.
+
+They are run by test_distribution.py, where the package is installed as users install it.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fresnel_decomp import InputError, doctor, notebook
+from fresnel_decomp import InputError, notebook
 from fresnel_decomp.report import style
 
 ROOT = Path(__file__).parent.parent
@@ -194,6 +197,13 @@ class TestText:
         ]  # fmt: skip
         assert [getattr(node, "module", "") for node in imports] == ["fresnel_decomp.notebook"]
 
+    def test_a_missing_package_is_told(self, path: Path, monkeypatch: pytest.MonkeyPatch):
+        first = next(cell for cell in cells(path) if cell.cell_type == "code")
+        monkeypatch.setitem(sys.modules, "fresnel_decomp.notebook", None)
+        with pytest.raises(ModuleNotFoundError, match=r"%pip install \./clone ") as told:
+            exec(first.source, {})
+        assert "fresnel_decomp.notebook" in str(told.value)
+
     def test_is_text_and_says_what_it_does(self, path: Path):
         kinds = [cell.cell_type for cell in cells(path)]
         assert kinds[0] == "markdown"
@@ -217,21 +227,3 @@ def test_there_are_notebooks():
     assert len(NOTEBOOKS) >= 6
     pages = {page.stem for page in (ROOT / "docs" / "notebooks").glob("*.md")}
     assert pages == {path.stem for path in NOTEBOOKS}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_runs(path: Path, tmp_path: Path):
-    """Without an error, a warning or a word of advice, and with pictures."""
-    nbclient = pytest.importorskip("nbclient")
-    jupytext = pytest.importorskip("jupytext")
-    pytest.importorskip("ipykernel")
-    executed = jupytext.read(path, fmt="py:percent")
-    resources = {"metadata": {"path": str(tmp_path)}}
-    nbclient.NotebookClient(
-        executed, timeout=600, kernel_name="python3", resources=resources
-    ).execute()
-    outputs = [output for cell in executed.cells for output in cell.get("outputs", ())]
-    assert sum("image/png" in output.get("data", ()) for output in outputs) >= 3
-    told = [output.text for output in outputs if output.get("name") == "stderr"]
-    assert told == [] or doctor.best_variant().startswith("scalar")  # which is told
