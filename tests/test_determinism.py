@@ -107,6 +107,7 @@ ELSEWHERE = {
     "mitsuba.inverse.texture.recover_texture": RECOVER,
     "mitsuba.inverse.texture.texel_shares": RECOVER,
     "bench.candidates.check_picture": "compares with an answer; test_speed_vs_error tries it",
+    "mitsuba.comparison.render_passes": "what render_scene hands to Mitsuba; test_inverse compares",
     "mitsuba.timing.kernel_times": "what it returns are times; it renders with render_bsdfs' seeds",
     "mitsuba.workloads.Picture": "what `picture` returns",
     "mitsuba.workloads.directions": "only for variants with arrays; test_timing tries it",
