@@ -105,7 +105,7 @@ def html(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("furo")
     folder = tmp_path_factory.mktemp("documentation")
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
-    command += ["-D", "nb_execution_mode=off"]  # `make docs` executes, and so does test_notebook
+    command += ["-D", "nb_execution_mode=off"]  # test_distribution executes
     build = subprocess.run(
         [*command, "-d", str(folder / "doctrees"), str(ROOT / "docs"), str(folder / "html")],
         capture_output=True,

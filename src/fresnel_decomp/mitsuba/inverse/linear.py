@@ -150,7 +150,7 @@ def linearise(
         if at is None:
             black = images.render(np.zeros((terms, 3)), alpha, spp, own)
             white = images.render(_white(terms), alpha, spp, own)
-            # beside white, as scalar variants drop negative samples
+            # beside white, as scalar variants warn of negative samples
             hot = [white - black] + [
                 images.render(_white(terms, i), alpha, spp, own) - white for i in range(1, terms)
             ]
