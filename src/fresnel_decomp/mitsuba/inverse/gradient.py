@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 
 from ..._check import InputError, input_error
 from ..comparison import render_passes
-from .images import Images, half_seed
+from .images import RANGES, Images, half_seed
 from .observed import Observed
 
 __all__ = [
-    "RANGES",
     "Descent",
     "NonFiniteGradientError",
     "at_the_end",
@@ -32,15 +31,6 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-
-RANGES = {
-    "eta": (0.02, 20.0),
-    "k": (0.0, 20.0),
-    "r": (0.0, 1.0 - 1e-4),
-    "g": (0.0, 1.0),
-    "alpha": (0.005, 1.0),
-}
-"""Where values are kept; reflectances and coefficients are free."""
 
 _REAL_ENDS = {("k", 0), ("r", 0), ("g", 0), ("g", 1)}
 """Ends of ranges where materials are: those that absorb nothing, black, and white at 82°."""

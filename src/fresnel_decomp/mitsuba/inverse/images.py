@@ -20,6 +20,7 @@ from ..comparison import render_scene
 
 __all__ = [
     "KINDS",
+    "RANGES",
     "Images",
     "Setup",
     "derived_seed",
@@ -33,6 +34,15 @@ Setup = Callable[[dict[str, Any]], dict[str, Any]]
 """From the dictionary of a BSDF to that of a scene."""
 
 KINDS = ("coefficients", "nodes", "indices", "gulbrandsen")
+
+RANGES = {
+    "eta": (0.02, 20.0),
+    "k": (0.0, 20.0),
+    "r": (0.0, 1.0 - 1e-4),
+    "g": (0.0, 1.0),
+    "alpha": (0.005, 1.0),
+}
+"""Where values are kept; reflectances and coefficients are free."""
 
 _PATHS = ("path", "prb", "prb_basic")
 """Integrators of which `max_depth` is known."""

@@ -13,8 +13,8 @@ from ..._check import choose, input_error, is_real, is_whole
 from ...basis import Basis, load_basis
 from ...inverse_fit import PRIOR_DEVIATION, Solution, least_squares
 from .calibration import calibrate, fit_channels
-from .gradient import RANGES, Descent, at_the_end, descend
-from .images import KINDS, Images, Setup, derived_seed, names_of, require_rgb
+from .gradient import Descent, at_the_end, descend
+from .images import KINDS, RANGES, Images, Setup, derived_seed, names_of, require_rgb
 from .linear import LinearFit, Unknowns, solve_images
 from .observed import Observed, observe
 from .result import Recovered, Step, coefficients, indices
@@ -266,9 +266,10 @@ class _Run:
                 iterations=iterations, **options,
             )  # fmt: skip
         x = fit.x
-        make: dict[str, Any] = {"distribution": self.distribution}
         if nodes:
-            exact = Images(setups, "indices", self.basis, fresnel="exact", **make)
+            exact = Images(
+                setups, "indices", self.basis, fresnel="exact", distribution=self.distribution
+            )
             self.others.append(exact)
             x = calibrate(
                 exact, fit, self.observed, alpha, spp=spp, seed=self.seed_for(1),
@@ -282,8 +283,7 @@ class _Run:
         if self.fresnel == "exact":
             shown, rows = exact, np.stack(indices(values))
         half = max(1, spp // 2)
-        seeds = [derived_seed(self.seed_for(1), h) for h in (0, 1)]
-        seen = np.stack([shown.render(rows, alpha, half, own) for own in seeds])
+        seen = np.stack([shown.render(rows, alpha, half, own) for own in self.half_seeds()])
         return self._finish(
             route, values, errors, alpha, alpha_error, seen, fit.model.visible,
             tried + fit.iterations, fit.converged, message,
@@ -319,7 +319,7 @@ class _Run:
         free = roughness == "unknown"
         half = max(1, spp // 2)
         # the descent's own, so that Newton's step is 0 where its misfit is least
-        seeds = [derived_seed(self.seed_for(1), h) for h in (0, 1)]
+        seeds = self.half_seeds()
         x, done = start, 0
         for _ in range(_WEIGHINGS):  # noise is seen where it starts, and better where it ends
             self._weigh([self.images.render(x, alpha, half, own) for own in seeds])
@@ -397,6 +397,10 @@ class _Run:
 
     def seed_for(self, purpose: int) -> int:
         return derived_seed(self.seed, 77, purpose)
+
+    def half_seeds(self) -> list[int]:
+        """Those of the two renderings of the last solve."""
+        return [derived_seed(self.seed_for(1), half) for half in (0, 1)]
 
     def _finish(
         self, route: str, values: dict[str, Any], errors: dict[str, Any], alpha: float,

@@ -10,8 +10,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from ...inverse_fit import Solution, least_squares
-from .gradient import RANGES
-from .images import Images, derived_seed
+from .images import RANGES, Images, derived_seed
 from .linear import LinearFit, Unknowns, linearise, require_visible, solve, solve_twice
 from .observed import Observed
 
